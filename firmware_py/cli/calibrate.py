@@ -14,7 +14,7 @@ from firmware_py.cli.logged_ticks import read_ticks, track_parameters
 from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet, format_file
 from firmware_py.estimate import deviation_filter
-from firmware_py.estimate.deviation import NAMES, deviation_of, deviation_rad
+from firmware_py.estimate.deviation import NAMES, deviation_rad, read_deviation
 from firmware_py.estimate.deviation_estimator import DeviationEstimator
 from firmware_py.estimate.deviation_filter import DeviationEstimate
 from firmware_py.log.dataflash import LogError
@@ -118,7 +118,7 @@ def _report_lines(estimator: DeviationEstimator, result: DeviationEstimate | Non
     yield f"{'':<10} in force  proposed  sd (deg)"
     for name, value, sd in zip(NAMES, result.coefficients_rad, result.sds_rad, strict=True):
         yield f"{name:<10} {estimator.parameters[name]:8.2f}  {degrees(value):8.2f}  {degrees(sd):8.2f}"
-    present = deviation_of(estimator.parameters, "CMP")
+    present = read_deviation(estimator.parameters, "CMP")
     yield "compass    in force  proposed"
     for heading_deg in range(0, 360, 45):
         curves = (present, result.coefficients_rad)

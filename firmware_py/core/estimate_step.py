@@ -1,4 +1,4 @@
-"""Estimates of a tick, in this order: rudder, position, heading and water, home."""
+"""Estimates of a tick: rudder, position, home, and heading with water."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
 from firmware_py.modes import PositionGoal
 
-MOVED_FRACTION: Final = 0.5  # of the error of the first position: places within it were derived from it
+MOVED_SHARE: Final = 0.5  # of the error of the first position; places within it were derived from that position
 
 
 def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, RudderStatus, tuple[Event, ...]]:
     """Update all estimates with the inputs of a tick; return state, rudder status and events."""
     now_s = inputs.tick.t_s
     rudder_state, rudder_status = rudder.update(settings.rudder, state.rudder, inputs)
-    # From before this tick, so that a gap does not extend its own timeout.
+    # By the intervals before this tick, so that a gap does not extend its own time-out.
     timeouts = heading_timeouts_of(settings, state.devices)
     heading, in_use = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
-    heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(in_use)) else None
-    place = _predicted_position(state, now_s, heading_rad, timeouts.position_s)
+    heading_rad = heading.heading_rad if heading.is_fresh(now_s, timeouts.of(in_use)) else None
+    place = _predict_position(state, now_s, heading_rad, timeouts.position_s)
     agreement = state.agreement
     credible: list[PositionSample] = []
     events: list[Event] = []
     for sample in inputs.positions:
         if state.modes.armed and position_consistency.is_stuck(agreement, sample):
-            agreement, consistency_events = position_consistency.update(agreement, sample, armed=True)
+            agreement, consistency_events = position_consistency.update(agreement, sample, is_armed=True)
             events += consistency_events
             continue
-        before = place
-        place, good = position.update(place, sample, settings.position.jump_s)
-        if good:
+        previous = place
+        place, is_accepted = position.update(place, sample, settings.position.jump_s)
+        if is_accepted:
             credible.append(sample)
-            if (leap_m := position.accepted_jump_m(before, sample)) is not None:
-                events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {leap_m:.0f} m"))
+            if (jump_m := position.accepted_jump_m(previous, sample)) is not None:
+                events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {jump_m:.0f} m"))
             elif state.modes.armed:
-                events += _fix_events(before, sample)
-            agreement, consistency_events = position_consistency.update(agreement, sample, armed=state.modes.armed)
+                events += _fix_events(previous, sample)
+            agreement, consistency_events = position_consistency.update(agreement, sample, is_armed=state.modes.armed)
             events += consistency_events
             if state.home is None:
                 state = replace(state, home=_home_at(place.begun))
-            elif (wrong := position.withdrawn_first_fix(before, place)) is not None:
-                state, correction_events = _corrected_first_position(state, wrong, sample)
+            elif (wrong_fix := position.find_wrong_first_fix(previous, place)) is not None:
+                state, correction_events = _correct_first_position(state, wrong_fix, sample)
                 events += correction_events
     heading_state, heading_events = heading_estimator.update(
         settings.heading_estimator,
@@ -77,68 +77,68 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
 
 
 def _rudder_of_estimate_rad(rudder: RudderStatus) -> float:
-    """Return the rudder angle for the estimator; NaN if it is neither measured nor held by torque."""
+    """Return the rudder angle for the estimator; NaN if it is not measured and the servo has no torque."""
     return math.nan if not rudder.measured and rudder.torque_on is False else rudder.angle_rad
 
 
-def _predicted_position(state: State, now_s: float, heading_rad: float | None, timeout_s: float) -> PositionState:
-    """Return the position predicted to now, by dead reckoning if fixes are missing for timeout_s."""
-    place, known = state.position, state.heading_estimator.water
+def _predict_position(state: State, now_s: float, heading_rad: float | None, timeout_s: float) -> PositionState:
+    """Return the position predicted to now_s; by dead reckoning if there is no fix for timeout_s."""
+    place, water_state = state.position, state.heading_estimator.water
     if place.fix is None and place.dead_reckoning is None:
         return place
     if state.timing.started_s is None and place.dead_reckoning is not None:
-        place = last_position.at_first_tick(place, now_s)
+        place = last_position.with_first_tick(place, now_s)
     if place.fix is not None and place.dead_reckoning is None and now_s - place.fix.t_s > timeout_s:
-        place = replace(place, dead_reckoning=dead_reckoning.begin(known, now_s))
+        place = replace(place, dead_reckoning=dead_reckoning.begin(water_state, now_s))
     if place.dead_reckoning is None:
-        velocity_m_s = water.over_ground_m_s(known, math.nan if heading_rad is None else heading_rad)
+        velocity_m_s = water.over_ground_m_s(water_state, math.nan if heading_rad is None else heading_rad)
         return position.predict(place, now_s, velocity_m_s)
     step_s = max(0.0, now_s - place.t_s)
-    sailed, over_ground_m_s = dead_reckoning.advance(
-        place.dead_reckoning, heading_rad, step_s, under_way=state.modes.armed
+    advanced, over_ground_m_s = dead_reckoning.advance(
+        place.dead_reckoning, heading_rad, step_s, is_under_way=state.modes.armed
     )
-    return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)
+    return position.predict(replace(place, dead_reckoning=advanced), now_s, over_ground_m_s)
 
 
-def _fix_events(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
-    """Return the event when a fix ends dead reckoning that was longer than a gap."""
-    unfixed_s = position.time_since_fix_s(before) + fix.t_s - before.t_s
-    if before.dead_reckoning is None or unfixed_s <= position.MAX_GAP_S:
+def _fix_events(previous: PositionState, fix: PositionSample) -> tuple[Event, ...]:
+    """Return the event of a fix that ends dead reckoning of more than MAX_GAP_S."""
+    without_fix_s = position.time_since_fix_s(previous) + fix.t_s - previous.t_s
+    if previous.dead_reckoning is None or without_fix_s <= position.MAX_GAP_S:
         return ()
-    minutes, off_m = unfixed_s / 60.0, position.distance_from_estimate_m(before, fix)
-    return (Event(Severity.NOTICE, f"GPS recovered after {minutes:.0f} min: position error {off_m:.0f} m"),)
+    minutes, error_m = without_fix_s / 60.0, position.distance_from_estimate_m(previous, fix)
+    return (Event(Severity.NOTICE, f"GPS recovered after {minutes:.0f} min: position error {error_m:.0f} m"),)
 
 
-def _corrected_first_position(
-    state: State, wrong: PositionSample, right: PositionSample
+def _correct_first_position(
+    state: State, wrong_fix: PositionSample, right_fix: PositionSample
 ) -> tuple[State, tuple[Event, ...]]:
-    """Return the state corrected for a wrong first position, and the event.
+    """Return the state after the correction of a wrong first position, and the event.
 
-    Home and goal move along if they lie near the wrong position. Water, tasks (as the loiter point) and fence margin
-    are reset to the present position.
+    Home and goal are moved by the same distance if they are near the wrong position. Water, tasks (for example the
+    loiter point) and fence margin restart at the present position.
     """
-    first, place = position.place_of(wrong), position.place_of(right)
-    off_m, _ = first.distance_and_bearing(place)
+    first, place = position.place_of(wrong_fix), position.place_of(right_fix)
+    error_m, _ = first.distance_and_bearing(place)
 
-    def moved(latitude_rad: float, longitude_rad: float) -> Place | None:
-        other = Place(latitude_rad, longitude_rad)
-        near = first.distance_and_bearing(other)[0] < MOVED_FRACTION * off_m
-        return place.at_offset(*first.offset_m(other)) if near else None
+    def move_if_near(latitude_rad: float, longitude_rad: float) -> Place | None:
+        position = Place(latitude_rad, longitude_rad)
+        is_near = first.distance_and_bearing(position)[0] < MOVED_SHARE * error_m
+        return place.at_offset(*first.offset_m(position)) if is_near else None
 
     home, modes, goal = state.home, state.modes, state.modes.goal
-    if home is not None and (there := moved(home.latitude_rad, home.longitude_rad)) is not None:
-        home = Home(there.latitude_rad, there.longitude_rad, right.altitude_m or 0.0)
-    if isinstance(goal, PositionGoal) and (there := moved(goal.latitude_rad, goal.longitude_rad)) is not None:
-        modes = replace(modes, goal=PositionGoal(there.latitude_rad, there.longitude_rad))
+    if home is not None and (moved := move_if_near(home.latitude_rad, home.longitude_rad)) is not None:
+        home = Home(moved.latitude_rad, moved.longitude_rad, right_fix.altitude_m or 0.0)
+    if isinstance(goal, PositionGoal) and (moved := move_if_near(goal.latitude_rad, goal.longitude_rad)) is not None:
+        modes = replace(modes, goal=PositionGoal(moved.latitude_rad, moved.longitude_rad))
     expected = state.heading_estimator.water.expected
     state = replace(
         state,
         home=home,
         modes=modes,
-        guidance=replace(state.guidance, mode=None),  # restarts the mode
+        guidance=replace(state.guidance, mode=None),  # restarts the task of the mode
         heading_estimator=heading_estimator.with_expected_water(state.heading_estimator, expected),
     )
-    text = f"First GPS position wrong by {1e-3 * off_m:.1f} km: home and tasks moved"
+    text = f"First GPS position wrong by {1e-3 * error_m:.1f} km: home and tasks moved"
     return state, (Event(Severity.WARNING, text),)
 
 

@@ -1,7 +1,7 @@
-"""Position that survives a restart: without GPS, dead reckoning continues from the last known position.
+"""Position record for a restart: without fixes, dead reckoning continues from the last known position.
 
-The elapsed time is known by the monotonic clock if the computer has kept running. Otherwise the position error is
-unlimited, and the boat keeps station until a fix comes.
+If the computer was on all the time, the elapsed time is known by the monotonic clock. Otherwise the position error is
+unlimited, and the boat keeps station until there is a fix.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from firmware_py.estimate.dead_reckoning import DeadReckoning
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.water import WaterState
 
-MAX_MOVE_M: Final = 25.0  # a stored position is renewed after this movement
+MAX_MOVE_M: Final = 25.0  # movement after which a stored position is renewed
 
 
 class LastPosition(msgspec.Struct, frozen=True):
     """Position at the time of the record, and the state of dead reckoning.
 
-    Its `begun_s` is relative to that time: a negative value is the time without a fix until then.
+    `dead_reckoning.begun_s` is relative to the time of the record: minus the time without a fix.
     """
 
     latitude_rad: float
@@ -32,8 +32,8 @@ class LastPosition(msgspec.Struct, frozen=True):
     dead_reckoning: DeadReckoning
 
 
-def of_state(place: PositionState, water: WaterState) -> LastPosition | None:
-    """Return the record of the position; None while no position is known."""
+def make_last_position(place: PositionState, water: WaterState) -> LastPosition | None:
+    """Return the record of a position state; None while no position is known."""
     if place.fix is None and place.dead_reckoning is None:
         return None
     track = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
@@ -41,32 +41,32 @@ def of_state(place: PositionState, water: WaterState) -> LastPosition | None:
     return LastPosition(place.latitude_rad, place.longitude_rad, track)
 
 
-def valid_for_s(last: LastPosition, at_most_s: float) -> float:
-    """Return the time in which the boat moves less than MAX_MOVE_M."""
+def valid_for_s(last: LastPosition, max_s: float) -> float:
+    """Return the time in which the boat moves less than MAX_MOVE_M, at most max_s."""
     water = last.dead_reckoning.water
-    fastest_m_s = math.hypot(water.current_north_m_s, water.current_east_m_s) + abs(water.speed_m_s)
-    return MAX_MOVE_M / max(fastest_m_s, MAX_MOVE_M / at_most_s)
+    max_speed_m_s = math.hypot(water.current_north_m_s, water.current_east_m_s) + abs(water.speed_m_s)
+    return MAX_MOVE_M / max(max_speed_m_s, MAX_MOVE_M / max_s)
 
 
 def water_of(last: LastPosition) -> tuple[float, float, float]:
-    """Return the current, north and east, and the speed of dead reckoning [m/s]."""
+    """Return current north and east and speed of dead reckoning [m/s]."""
     water = last.dead_reckoning.water
     return water.current_north_m_s, water.current_east_m_s, water.speed_m_s
 
 
-def restored(last: LastPosition, elapsed_s: float | None) -> PositionState:
-    """Return the position state after elapsed_s (None: unknown); its time is set by `at_first_tick`.
+def restore(last: LastPosition, elapsed_s: float | None) -> PositionState:
+    """Return the position state after elapsed_s (None: not known); `with_first_tick` sets its time.
 
-    Raises ValueError for an impossible position.
+    Raise ValueError for an impossible position.
     """
     if not _is_valid(last):
         raise ValueError("invalid position or water data")
-    track, (north_m, east_m) = dead_reckoning.advanced(last.dead_reckoning, elapsed_s)
+    track, (north_m, east_m) = dead_reckoning.advance_without_heading(last.dead_reckoning, elapsed_s)
     place = Place(last.latitude_rad, last.longitude_rad).at_offset(north_m, east_m)
     return PositionState(0.0, place.latitude_rad, place.longitude_rad, dead_reckoning=track)
 
 
-def at_first_tick(state: PositionState, now_s: float) -> PositionState:
+def with_first_tick(state: PositionState, now_s: float) -> PositionState:
     """Return the restored state with the time of the first tick."""
     if state.dead_reckoning is None:
         return state

@@ -22,7 +22,7 @@ def snapshot_of(
     inputs: Inputs,
 ) -> Snapshot:
     """Return the snapshot of a finished tick."""
-    heading, heading_ok = state.heading_estimator.heading, situation.heading_rad is not None
+    heading, has_heading = state.heading_estimator.heading, situation.heading_rad is not None
     task = state.guidance.status
     return Snapshot(
         t_s=inputs.tick.t_s,
@@ -30,8 +30,8 @@ def snapshot_of(
         mode=state.modes.mode,
         armed=state.modes.armed,
         heading_rad=heading.heading_rad if heading.sample_t_s is not None else None,
-        heading_ok=heading_ok,
-        yaw_rate_rad_s=heading.yaw_rate_rad_s if heading_ok else None,
+        heading_ok=has_heading,
+        yaw_rate_rad_s=heading.yaw_rate_rad_s if has_heading else None,
         roll_rad=heading.roll_rad,
         pitch_rad=heading.pitch_rad,
         goal_heading_rad=target.heading_rad,
@@ -54,7 +54,7 @@ def snapshot_of(
         water=situation.water,
         navigation=guidance_reports.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
-        energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
+        energy=energy_meter.report(state.energy_meter, is_torque_released=state.torque_release.is_released),
         gain_reduction=state.supervisor.oscillation.gain_reduction,
         power=power_monitor.report(state.power, inputs.tick.t_s),
         power_saving_level=power_saving.level_of(state.fault_latch.active),
@@ -71,7 +71,7 @@ def _dead_reckoning_position(state: State, sd_m: float) -> DeadReckoningPosition
     if place.dead_reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
-    _, (north_m_s, east_m_s) = dead_reckoning.advance(place.dead_reckoning, heading, 0.0, under_way=True)
+    _, (north_m_s, east_m_s) = dead_reckoning.advance(place.dead_reckoning, heading, 0.0, is_under_way=True)
     return DeadReckoningPosition(
         place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.time_since_fix_s(place)
     )

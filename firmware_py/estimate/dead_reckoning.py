@@ -14,20 +14,20 @@ from msgspec.structs import replace
 from firmware_py.estimate import water_results
 from firmware_py.estimate.water import WaterState
 
-UNUSABLE_SD_M: Final = 1e5  # a position as uncertain as this is of no use
+UNUSABLE_SD_M: Final = 1e5  # standard deviation of a position that is too uncertain to use
 
 Velocity = tuple[float, float]  # north and east, m/s
 
 
 class DeadReckoning(msgspec.Struct, frozen=True):
-    """Speed and current at the last fix, at begun_s, and the way since."""
+    """Dead reckoning since the last fix, at the time begun_s: speed and current at that fix, and the distance since."""
 
     water: water_results.DeadReckoning
     begun_s: float
 
 
 def begin(water: WaterState, begun_s: float) -> DeadReckoning:
-    """Return the dead reckoning that begins with the speed and current used for guidance."""
+    """Begin dead reckoning with the speed and current that guidance uses."""
     dead_reckoning = water_results.begin_dead_reckoning(water.filter, begun_s)
     if not math.isnan(water.slow_t_s):
         dead_reckoning = dead_reckoning._replace(
@@ -38,36 +38,39 @@ def begin(water: WaterState, begun_s: float) -> DeadReckoning:
     return DeadReckoning(dead_reckoning, begun_s)
 
 
-def advanced(state: DeadReckoning, away_s: float | None) -> tuple[DeadReckoning, Velocity]:
-    """Return the dead reckoning after a time of unknown heading, and the drift by the current in it, in metres.
+def advance_without_heading(
+    state: DeadReckoning, duration_s: float | None
+) -> tuple[DeadReckoning, tuple[float, float]]:
+    """Return the dead reckoning after a time of unknown heading, and the drift north and east in it, in metres.
 
-    `away_s` is the length of that time; None: not known, so the position is of no use.
+    The drift is that by the current. `duration_s` None: the time is not known, so that the position is not usable.
     """
     water = state.water
-    if away_s is None:
+    if duration_s is None:
         return replace(state, water=water._replace(blind_m=water.blind_m + UNUSABLE_SD_M)), (0.0, 0.0)
-    gone = water._replace(blind_m=water.blind_m + away_s * math.hypot(water.speed_m_s, water.sideways_m_s))
-    moved_m = (away_s * water.current_north_m_s, away_s * water.current_east_m_s)
-    return DeadReckoning(gone, state.begun_s - away_s), moved_m
+    advanced = water._replace(blind_m=water.blind_m + duration_s * math.hypot(water.speed_m_s, water.sideways_m_s))
+    drift_m = (duration_s * water.current_north_m_s, duration_s * water.current_east_m_s)
+    return DeadReckoning(advanced, state.begun_s - duration_s), drift_m
 
 
 def advance(
-    state: DeadReckoning, heading_rad: float | None, step_s: float, *, under_way: bool
+    state: DeadReckoning, heading_rad: float | None, step_s: float, *, is_under_way: bool
 ) -> tuple[DeadReckoning, Velocity]:
     """Return the dead reckoning after a step, and the velocity over ground in it.
 
-    Without a heading the boat is assumed to drift with the current; not `under_way`, as at anchor, to stay in place.
+    Without a heading the boat is assumed to drift with the current. If it is not under way, as at anchor, it is assumed
+    to stay in place.
     """
     water = state.water
-    if not under_way:
-        fastest_m_s = water.speed_m_s + math.hypot(water.current_north_m_s, water.current_east_m_s)
-        return replace(state, water=water._replace(blind_m=water.blind_m + step_s * fastest_m_s)), (0.0, 0.0)
-    sailed, north_m_s, east_m_s = water_results.advance_dead_reckoning(
+    if not is_under_way:
+        max_speed_m_s = water.speed_m_s + math.hypot(water.current_north_m_s, water.current_east_m_s)
+        return replace(state, water=water._replace(blind_m=water.blind_m + step_s * max_speed_m_s)), (0.0, 0.0)
+    advanced, north_m_s, east_m_s = water_results.advance_dead_reckoning(
         water, math.nan if heading_rad is None else heading_rad, step_s
     )
-    return replace(state, water=sailed), (north_m_s, east_m_s)
+    return replace(state, water=advanced), (north_m_s, east_m_s)
 
 
-def standard_deviation_m(state: DeadReckoning, lasted_s: float) -> float:
-    """Return the standard deviation of the position, along the axis where it is largest."""
-    return water_results.dead_reckoning_sd(state.water, lasted_s)
+def standard_deviation_m(state: DeadReckoning, duration_s: float) -> float:
+    """Return the standard deviation of the position after `duration_s`, along the axis where it is largest."""
+    return water_results.dead_reckoning_sd(state.water, duration_s)

@@ -1,4 +1,4 @@
-"""Deviation of a compass: the error by the iron of the boat, with the classical coefficients A to E.
+"""Deviation of a compass: its error due to the iron of the boat, with the classical coefficients A to E.
 
 deviation = A + B sin h + C cos h + D sin 2h + E cos 2h        h = compass heading of the hull
 """
@@ -12,17 +12,17 @@ from firmware_py.common.parameters import ParameterSet
 
 Deviation = tuple[float, float, float, float, float]
 
-NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")  # of compass A's parameters
+NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")  # parameters of compass A
 
 
-def deviation_of(parameters: ParameterSet, prefix: str) -> Deviation:
-    """Read the coefficients of the compass whose parameters begin with the prefix."""
+def read_deviation(parameters: ParameterSet, prefix: str) -> Deviation:
+    """Return the coefficients of the compass whose parameters begin with the prefix."""
     a, b, c, d, e = (radians(parameters[f"{prefix}_DEV_{letter}"]) for letter in "ABCDE")
     return a, b, c, d, e
 
 
 def deviation_rad(deviation: Deviation, heading_rad: float) -> float:
-    """Return the angle to add to a compass heading for the magnetic heading."""
+    """Return the angle that, added to a compass heading, gives the magnetic heading."""
     a, b, c, d, e = deviation
     if a == b == c == d == e == 0.0:
         return 0.0

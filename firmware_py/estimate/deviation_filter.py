@@ -4,11 +4,11 @@ A minute in which the boat hardly turns is one observation: the mean velocity ov
 functions of the deviation (A to E of deviation.py) over all readings, so that wave yaw causes no bias. A Kalman filter
 estimates the five coefficients, current and speed:
 
-    v = U (cos way, sin way) + c        way = compass + declination + A + B sin h + C cos h + D sin 2h + E cos 2h
+    v = U (cos k, sin k) + c        k = compass + declination + A + B sin h + C cos h + D sin 2h + E cos 2h
 
-c and U may change from hour to hour. Not observable: A is the sum of the coefficient and the leeway, and each percent
-by which the boat is faster in one direction than in the opposite one looks like half a degree of B or C. The result is
-only proposed; nothing is steered by it.
+c and U may change from hour to hour. Limits: the estimated A contains the leeway, and a boat that is 1 % faster in one
+direction than in the opposite one causes an error of half a degree in B or C. The result is only proposed; the
+autopilot does not steer by it.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
-from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
+from firmware_py.estimate.deviation import Deviation, deviation_rad, read_deviation
 
-BLOCK_S: Final = 60.0
+BLOCK_S: Final = 60.0  # duration of an observation
 MAX_TURN_RAD: Final = radians(20.0)  # in a minute: in a faster turn the velocity lags behind the heading
 MAX_VELOCITY_M_S: Final = 10.0  # a larger one is a receiver error
-MIN_HEADINGS, MIN_FIXES = 20, 5  # in a minute
-SECTORS: Final = 12
+MIN_HEADINGS, MIN_FIXES = 20, 5  # number in a minute
+SECTORS: Final = 12  # of the full circle
 
 COEFFICIENTS: Final = 5
 NORTH, EAST, SPEED, STATES = 5, 6, 7, 8  # after the five coefficients
-# Initial standard deviations, and process noise variance per second.
+# Initial standard deviations, and variance of the process noise per second, of each state.
 INITIAL_SDS: Final = (radians(20.0), *[radians(12.0)] * 2, *[radians(6.0)] * 2, 0.4, 0.4, 0.3)
 PROCESS_NOISE: Final = (*[(radians(0.1) ** 2) / 86400.0] * 5, 2e-7, 2e-7, 1e-6)
 MAX_STEP_S: Final = 6.0 * 3600.0
-INITIAL_NOISE_M_S: Final = 0.05  # of the mean of a minute, along and across the way
+INITIAL_NOISE_M_S: Final = 0.05  # of the mean velocity of a minute, along and across the course
 MIN_LOG_NOISE: Final = 2.0 * math.log(0.003)
 NOISE_GAIN: Final = 0.05
-LEG_RAD: Final = radians(12.0)
+MAX_LEG_TURN_RAD: Final = radians(12.0)  # a larger turn begins another leg
 MIN_SPEED_M_S: Final = 0.1
-OUTLIER_SQUARE: Final = 9.0  # a larger normalised squared innovation counts as this one
+OUTLIER_SQUARE: Final = 9.0  # limit of the squared innovation divided by its variance
 
-# Condition of a proposal: number of sectors sailed in, and standard deviation on the least known heading.
+# A proposal needs this number of sectors sailed in, and this standard deviation on the least certain heading.
 MIN_SECTORS: Final = 8
 MAX_SD_RAD: Final = radians(0.75)
-_CARD: Final = tuple(TWO_PI * number / 36 for number in range(36))
+_CARD_RAD: Final = tuple(TWO_PI * number / 36 for number in range(36))
 
 
 class DeviationSettings(msgspec.Struct, frozen=True):
@@ -61,11 +61,11 @@ class DeviationSettings(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, parameters: ParameterSet) -> DeviationSettings:
         """Read the settings of compass A from the parameters."""
-        return cls(radians(parameters["CMP_OFFSET_DEG"]), deviation_of(parameters, "CMP"))
+        return cls(radians(parameters["CMP_OFFSET_DEG"]), read_deviation(parameters, "CMP"))
 
 
 class DeviationInput(msgspec.Struct, frozen=True):
-    """Inputs of a tick: new headings of compass A, declination, a new accepted fix (None: none), the estimated heading.
+    """Inputs of a tick: new headings, declination, a new accepted fix (None: there is none), smoothed heading.
 
     `water` is the initial state of the filter: current north and east, speed through the water [m/s].
     """
@@ -78,10 +78,11 @@ class DeviationInput(msgspec.Struct, frozen=True):
 
 
 class Minute(msgspec.Struct, frozen=True):
-    """Observation in progress: its begin, and sums since.
+    """Observation in progress: its start, and the sums since then.
 
-    `readings`: number, sum of the angles turned since the first reading, sums of sine and cosine of the heading and of
-    its double. `velocities`: number, sums north and east. `first_fix` and `last_fix`: of a receiver without velocity.
+    `heading_rad` is the smoothed heading at the start, `first_rad` the first heading of the compass. `readings`: number
+    of headings, sum of the angles turned since the first, sums of sine and cosine of the heading and of twice the
+    heading. `velocities`: number, sums north and east. `first_fix`, `last_fix`: fixes of a receiver without velocity.
     """
 
     begun_s: float
@@ -97,8 +98,8 @@ class Minute(msgspec.Struct, frozen=True):
 class DeviationEstimate(msgspec.Struct, frozen=True):
     """Estimated coefficients A to E and their standard deviations.
 
-    `sd_rad` is the standard deviation of the deviation on the least known heading, `off_rad` the largest difference
-    from the configured deviation. `ready`: the estimate can be proposed.
+    `sd_rad` is the standard deviation of the deviation on the least certain heading, `off_rad` the largest difference
+    from the configured deviation. `ready`: the estimate is certain enough to be proposed.
     """
 
     coefficients_rad: Deviation
@@ -109,12 +110,13 @@ class DeviationEstimate(msgspec.Struct, frozen=True):
 
 
 class DeviationState(msgspec.Struct, frozen=True):
-    """Observation in progress, and the filter at t_s.
+    """Observation in progress, and state of the filter at t_s.
 
-    `x` and the covariance `p` (8 x 8, the bytes of its numbers, row by row) are of A to E, current north and east, and
-    speed; empty before the first minute. `log_noise`: of the variance along and across the course through the water.
-    `leg`: that course and the sensitivities on it. `sectors`: minutes in each twelfth of the circle. `last_minute`:
-    time, compass heading with declination, basis functions of B to E, velocity north and east.
+    The mean `x` and the covariance `p` (8 x 8 float64 as bytes, row by row) are those of A to E, current north and
+    east, and speed; both are empty before the first minute. `log_noise`: logarithms of the noise variances along and
+    across the course through the water. `leg`: that course and the sensitivities on it. `sectors`: number of minutes in
+    each sector. `last_minute`: time, compass heading with declination, basis functions of B to E, velocity north and
+    east.
     """
 
     minute: Minute | None = None
@@ -129,7 +131,7 @@ class DeviationState(msgspec.Struct, frozen=True):
 
 
 def update(settings: DeviationSettings, state: DeviationState, inputs: DeviationInput, now_s: float) -> DeviationState:
-    """Return the state after a tick; a changed mounting angle restarts the filter."""
+    """Return the state after a tick; a change of the mounting angle restarts the filter."""
     minute = state.minute
     if settings.offset_rad != state.offset_rad:
         state, minute = DeviationState(offset_rad=settings.offset_rad), None
@@ -148,7 +150,7 @@ def update(settings: DeviationSettings, state: DeviationState, inputs: Deviation
     velocity = _velocity(minute)
     if minute.readings[0] < MIN_HEADINGS or velocity is None:
         return state
-    return _observed(settings, state, minute, velocity, inputs.water, now_s)
+    return _update_with_minute(settings, state, minute, velocity, inputs.water, now_s)
 
 
 def without_minute(state: DeviationState) -> DeviationState:
@@ -159,21 +161,21 @@ def without_minute(state: DeviationState) -> DeviationState:
 def _with_heading(
     minute: Minute | None, sample: HeadingSample, offset_rad: float, inputs: DeviationInput, now_s: float
 ) -> Minute:
-    """Return the minute with another reading, or a new minute with its first."""
+    """Return the minute with a heading added, or a new minute that begins with it."""
     mounted_rad = sample.heading_rad + offset_rad
     if minute is None:
         # A compass that gives true headings has added the declination itself.
         declination_rad = inputs.declination_rad if sample.reference is NorthReference.MAGNETIC else 0.0
         minute = Minute(now_s, inputs.heading_rad, mounted_rad, declination_rad)
     sine, cosine = math.sin(mounted_rad), math.cos(mounted_rad)
-    number, turned_rad, by_sine, by_cosine, by_sine_2, by_cosine_2 = minute.readings
+    number, turned_rad, sine_sum, cosine_sum, sine_2_sum, cosine_2_sum = minute.readings
     readings = (
         number + 1.0,
         turned_rad + wrap_pi(mounted_rad - minute.first_rad),
-        by_sine + sine,
-        by_cosine + cosine,
-        by_sine_2 + 2.0 * sine * cosine,
-        by_cosine_2 + cosine * cosine - sine * sine,
+        sine_sum + sine,
+        cosine_sum + cosine,
+        sine_2_sum + 2.0 * sine * cosine,
+        cosine_2_sum + cosine * cosine - sine * sine,
     )
     return Minute(
         minute.begun_s,
@@ -188,14 +190,14 @@ def _with_heading(
 
 
 def _with_fix(minute: Minute, fix: PositionSample) -> Minute:
-    """Return the minute with another fix."""
+    """Return the minute with a fix added."""
     speed_m_s, course_rad = fix.speed_over_ground_m_s, fix.course_over_ground_rad
     if fix.fix is FixType.NONE:
         return minute
     if speed_m_s is None:
         return replace(minute, first_fix=minute.first_fix or fix, last_fix=fix)
-    course_rad = course_rad or 0.0  # a receiver states none at rest
-    # Written so that NaN fails the comparison.
+    course_rad = course_rad or 0.0  # receivers state no course at rest
+    # With NaN both comparisons are false.
     if not (0.0 <= speed_m_s <= MAX_VELOCITY_M_S and abs(course_rad) <= 2.0 * TWO_PI):
         return minute
     number, north_m_s, east_m_s = minute.velocities
@@ -205,7 +207,7 @@ def _with_fix(minute: Minute, fix: PositionSample) -> Minute:
 
 
 def _velocity(minute: Minute) -> tuple[float, float] | None:
-    """Return the mean velocity of a minute, from the positions if the receiver states none; None without either."""
+    """Return the mean velocity of a minute, or None. Without velocities of the receiver it is that of the positions."""
     number, north_m_s, east_m_s = minute.velocities
     if number >= MIN_FIXES:
         return north_m_s / number, east_m_s / number
@@ -214,14 +216,14 @@ def _velocity(minute: Minute) -> tuple[float, float] | None:
         return None
     if None in (first.latitude_rad, first.longitude_rad, last.latitude_rad, last.longitude_rad):
         return None
-    latitude_rad, length_s = last.latitude_rad or 0.0, last.t_s - first.t_s
+    latitude_rad, duration_s = last.latitude_rad or 0.0, last.t_s - first.t_s
     north_rad = latitude_rad - (first.latitude_rad or 0.0)
     east_rad = math.cos(latitude_rad) * wrap_pi((last.longitude_rad or 0.0) - (first.longitude_rad or 0.0))
-    north_m_s, east_m_s = EARTH_RADIUS_M * north_rad / length_s, EARTH_RADIUS_M * east_rad / length_s
+    north_m_s, east_m_s = EARTH_RADIUS_M * north_rad / duration_s, EARTH_RADIUS_M * east_rad / duration_s
     return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= MAX_VELOCITY_M_S else None
 
 
-def _observed(
+def _update_with_minute(
     settings: DeviationSettings,
     state: DeviationState,
     minute: Minute,
@@ -229,51 +231,53 @@ def _observed(
     water: tuple[float, float, float],
     now_s: float,
 ) -> DeviationState:
-    """Return the state updated with a minute."""
+    """Return the state updated with the observation of a minute and its mean velocity."""
     if state.x:
         x, p = state.x, np.frombuffer(state.p).reshape(STATES, STATES).copy()
         p.flat[:: STATES + 1] += np.array(PROCESS_NOISE) * min(max(now_s - state.t_s, 0.0), MAX_STEP_S)
     else:
         x, p = (*settings.deviation, *water), np.diag(np.square(INITIAL_SDS))
     number, turned_rad, *sums = minute.readings
-    parts = (1.0, *(each / number for each in sums))
+    basis = (1.0, *(total / number for total in sums))
     compass_rad = minute.first_rad + turned_rad / number + minute.declination_rad
-    way_rad = compass_rad + sum(own * part for own, part in zip(x, parts, strict=False))
-    # The sensitivities stay the same until the boat has turned: the errors of the estimates from minute to minute would
-    # look like turns, and seem to separate speed, current and deviation on one course.
+    course_rad = compass_rad + sum(value * factor for value, factor in zip(x, basis, strict=False))
+    # The sensitivities are constant until the boat has turned. Otherwise the errors of the estimates from minute to
+    # minute would look like turns, and would separate speed, current and deviation on a single course.
     leg = state.leg
-    if leg is None or abs(wrap_pi(way_rad - leg[0])) > LEG_RAD:
-        leg = (wrap_pi(way_rad), *(max(x[SPEED], MIN_SPEED_M_S) * part for part in parts))
+    if leg is None or abs(wrap_pi(course_rad - leg[0])) > MAX_LEG_TURN_RAD:
+        leg = (wrap_pi(course_rad), *(max(x[SPEED], MIN_SPEED_M_S) * factor for factor in basis))
     cosine, sine = math.cos(leg[0]), math.sin(leg[0])
-    off = (
-        velocity[0] - x[NORTH] - x[SPEED] * math.cos(way_rad),
-        velocity[1] - x[EAST] - x[SPEED] * math.sin(way_rad),
+    residual_m_s = (
+        velocity[0] - x[NORTH] - x[SPEED] * math.cos(course_rad),
+        velocity[1] - x[EAST] - x[SPEED] * math.sin(course_rad),
     )
     sensitivities = (
         (*(0.0,) * COEFFICIENTS, cosine, sine, 1.0),
         (*leg[1:], -sine, cosine, 0.0),
     )
-    before, log_noise = x, list(state.log_noise)
+    previous_x, log_noise = x, list(state.log_noise)
     for axis, sensitivity in enumerate(sensitivities):
-        predicted = sum(part * (now - then) for part, now, then in zip(sensitivity, x, before, strict=True))
-        innovation = sensitivity[NORTH] * off[0] + sensitivity[EAST] * off[1] - predicted
+        predicted = sum(factor * (now - then) for factor, now, then in zip(sensitivity, x, previous_x, strict=True))
+        innovation = sensitivity[NORTH] * residual_m_s[0] + sensitivity[EAST] * residual_m_s[1] - predicted
         cross_covariance = np.zeros(STATES)
-        for place, part in enumerate(sensitivity):
-            cross_covariance += part * p[place]
-        variance = sum(part * float(cross_covariance[place]) for place, part in enumerate(sensitivity)) + math.exp(
+        for index, factor in enumerate(sensitivity):
+            cross_covariance += factor * p[index]
+        variance = sum(factor * float(cross_covariance[index]) for index, factor in enumerate(sensitivity)) + math.exp(
             log_noise[axis]
         )
         square = innovation * innovation / variance
         log_noise[axis] = max(log_noise[axis] + NOISE_GAIN * (min(square, OUTLIER_SQUARE) - 1.0), MIN_LOG_NOISE)
         variance *= max(1.0, square / OUTLIER_SQUARE)
-        x = tuple(own + gain * innovation for own, gain in zip(x, (cross_covariance / variance).tolist(), strict=True))
+        x = tuple(
+            value + gain * innovation for value, gain in zip(x, (cross_covariance / variance).tolist(), strict=True)
+        )
         p = p - np.multiply.outer(cross_covariance, cross_covariance) / variance
     if not (math.isfinite(sum(x)) and p.diagonal().min() > 0.0):
         return DeviationState(offset_rad=state.offset_rad)
     sector = int((compass_rad % TWO_PI) / TWO_PI * SECTORS) % SECTORS
-    sectors = tuple(own + (place == sector) for place, own in enumerate(state.sectors))
+    sectors = tuple(minutes + (index == sector) for index, minutes in enumerate(state.sectors))
     noise = (log_noise[0], log_noise[1])
-    last_minute = (now_s, compass_rad, *parts[1:], *velocity)
+    last_minute = (now_s, compass_rad, *basis[1:], *velocity)
     return replace(
         state, t_s=now_s, x=x, p=p.tobytes(), log_noise=noise, leg=leg, sectors=sectors, last_minute=last_minute
     )
@@ -285,14 +289,14 @@ def result(settings: DeviationSettings, state: DeviationState) -> DeviationEstim
         return None
     p = np.frombuffer(state.p).reshape(STATES, STATES)[:COEFFICIENTS, :COEFFICIENTS]
     a, b, c, d, e = state.x[:COEFFICIENTS]
-    worst = off_rad = 0.0
-    for heading_rad in _CARD:
+    max_variance = off_rad = 0.0
+    for heading_rad in _CARD_RAD:
         sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
-        parts = np.array((1.0, sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine))
-        worst = max(worst, float((np.multiply.outer(parts, parts) * p).sum()))
-        apart_rad = deviation_rad((a, b, c, d, e), heading_rad) - deviation_rad(settings.deviation, heading_rad)
-        off_rad = max(off_rad, abs(apart_rad))
-    sd_rad = math.sqrt(worst)
-    sailed = sum(minutes > 0 for minutes in state.sectors)
-    ready = sailed >= MIN_SECTORS and sd_rad <= MAX_SD_RAD
+        basis = np.array((1.0, sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine))
+        max_variance = max(max_variance, float((np.multiply.outer(basis, basis) * p).sum()))
+        difference_rad = deviation_rad((a, b, c, d, e), heading_rad) - deviation_rad(settings.deviation, heading_rad)
+        off_rad = max(off_rad, abs(difference_rad))
+    sd_rad = math.sqrt(max_variance)
+    sectors_sailed = sum(minutes > 0 for minutes in state.sectors)
+    ready = sectors_sailed >= MIN_SECTORS and sd_rad <= MAX_SD_RAD
     return DeviationEstimate((a, b, c, d, e), tuple(np.sqrt(p.diagonal()).tolist()), sd_rad, off_rad, ready)

@@ -20,7 +20,7 @@ def predict(
     turning_ability_1_s: float,
     turning_lag_s: float,
 ) -> tuple[float, float]:
-    """Return heading and yaw rate after a step of the linear K-T model; decay is kt.decay_over(step, T)."""
+    """Return heading and yaw rate after a step of the linear K-T model; `decay` is kt.decay_over(step_s, T)."""
     steady_rad_s = turning_ability_1_s * rudder_rad
     turned_rad, yaw_rate_rad_s = exact_step(yaw_rate_rad_s, steady_rad_s, decay, step_s, turning_lag_s)
     return wrap_two_pi(heading_rad + turned_rad), yaw_rate_rad_s
@@ -34,7 +34,7 @@ def correct(
     theta: float,
     yaw_rate_limit_rad_s: float,
 ) -> tuple[float, float]:
-    """Return heading and yaw rate updated with a sample, step_s after the one before; theta is exp(-step / tau)."""
+    """Return heading and yaw rate updated with a sample, step_s after the previous one; theta = exp(-step_s / tau)."""
     innovation_rad = wrap_pi(measured_rad - heading_rad)
     if step_s > 0.0:
         yaw_rate_rad_s += (1.0 - theta) * (1.0 - theta) * innovation_rad / step_s

@@ -1,4 +1,4 @@
-"""Heading of a tick, from the samples of compasses and receiver: the records of the tick around heading_tick.py."""
+"""Heading estimate of a tick from the records of compasses and receiver; the calculation is heading_tick.py."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ class HeadingTimeouts(msgspec.Struct, frozen=True):
     position_s: float
 
     def of(self, source: Source) -> float:
-        """Return the time-out of a source; one that is no compass is judged by that of compass A."""
+        """Return the time-out of a compass; for any other source, that of compass A."""
         return self.compass_s[source if source in COMPASSES else 0]
 
 
 class HeadingEstimatorState(msgspec.Struct, frozen=True):
-    """Heading and yaw rate of the tick, the filter with its sources, the water, and the declination of the place.
+    """Heading and yaw rate of the tick, state of the filter and its sources, water, declination at the position.
 
-    `odd_variation`: variations that the compasses state and that are not used, or not as stated.
+    `odd_variation`: variations that the compasses state and that are not used as stated.
     """
 
     heading: HeadingState = HeadingState()
@@ -84,7 +84,7 @@ class HeadingEstimatorState(msgspec.Struct, frozen=True):
 
 
 def with_expected_water(state: HeadingEstimatorState, water_m_s: tuple[float, float, float]) -> HeadingEstimatorState:
-    """Return a state before the first position that expects this current, north and east, and speed [m/s]."""
+    """Return a state before the first position with the expected current north and east, and speed [m/s]."""
     return replace(state, water=water.initial_state(*water_m_s))
 
 
@@ -97,11 +97,11 @@ def update(
     timeouts: HeadingTimeouts,
     now_s: float,
 ) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
-    """Return the state after the samples of a tick, with the heading to steer by, and the events.
+    """Return the state after the samples of a tick, and the events.
 
-    `positions` are the accepted ones; rudder_rad is the angle measured at this tick, NaN: not known.
+    `positions` are the accepted ones. `rudder_rad` is the angle measured at this tick; NaN: not known.
     """
-    before, tick = state.heading, state.tick
+    previous, tick = state.heading, state.tick
     observer_settings = settings.observer
     if settings.declination_by_model:
         state = _with_declination(state, positions)
@@ -110,26 +110,26 @@ def update(
     declination_rad = observer_settings.declination_rad or None
     odd_variation, events = variation.check(state.odd_variation, headings, declination_rad)
     headings = [variation.apply(sample, declination_rad) for sample in headings]
-    true_headings = [
+    true_samples = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
         )
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
-    source_before = tick.sources.in_use
+    previous_source = tick.sources.in_use
     if heading_tick.needs_restart(tick, now_s, timeouts.compass_s):
         events = (*events, Event(Severity.WARNING, "Heading estimate restarted"))
-        source_before = Source.NONE
+        previous_source = Source.NONE
     model = water.model_at_speed(settings.tick.model, state.water)
-    tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)
-    for sample in true_headings:
+    tick = heading_tick.begin_tick(tick, now_s, now_s - previous.t_s, timeouts.compass_s)
+    for sample in true_samples:
         tick = heading_tick.add_sample(tick, model, sample)
     tick = heading_tick.select(tick, settings.tick, model, now_s, timeouts.compass_s, state.water, timeouts.position_s)
     in_use = tick.sources.in_use
-    if in_use != source_before:
-        events = (*events, change_event(source_before, Source(in_use)))
-    for sample in true_headings:
+    if in_use != previous_source:
+        events = (*events, change_event(previous_source, Source(in_use)))
+    for sample in true_samples:
         if sample.source == in_use:
             timeout_s = timeouts.of(Source(in_use))
             tick = heading_tick.take_heading(tick, settings.tick, model, sample.t_s, sample.heading_rad, timeout_s)
@@ -141,15 +141,17 @@ def update(
         )
         tick = heading_tick.take_course(tick, settings.tick, fix.t_s, course_rad, sd_rad)
     tick = heading_tick.end_tick(tick, rudder_rad)
-    heading = _steered(settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s)
+    heading = _heading_to_steer_by(
+        settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s
+    )
     if heading.t_s == now_s:
-        by_compass = sources.uses_compass(tick.sources)
-        water_state = water.take_heading(water_state, heading.heading_rad, by_compass, now_s - before.t_s)
+        is_compass_used = sources.uses_compass(tick.sources)
+        water_state = water.take_heading(water_state, heading.heading_rad, is_compass_used, now_s - previous.t_s)
     water_state = water.update(water_state, now_s)
     return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation), events
 
 
-def _steered(
+def _heading_to_steer_by(
     settings: HeadingEstimatorSettings,
     observer_settings: ObserverSettings,
     state: HeadingEstimatorState,
@@ -160,46 +162,46 @@ def _steered(
     rudder_rad: float,
     now_s: float,
 ) -> HeadingState:
-    """Return heading and yaw rate to steer by at now_s, with the time of the last sample."""
-    before = state.heading
+    """Return heading and yaw rate for the control law at now_s, and the time of the last sample."""
+    previous = state.heading
     if settings.observer_only:
-        of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
+        compass_a = [sample for sample in headings if sample.source == Source.COMPASS_A]
         observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
-        return observer.update(observer_settings, before, of_first, rudder_rad, now_s)
+        return observer.update(observer_settings, previous, compass_a, rudder_rad, now_s)
     if not heading_filter.has_started(tick.filter):
-        return before
+        return previous
     heading_rad, yaw_rate_rad_s = heading_tick.heading_at(tick, model, now_s)
-    # Fixes are rare; their time-out has been checked already.
+    # With course over ground the fixes are rare, and their time-out is checked in `select`.
     sample_t_s: float | None = now_s
     if tick.sources.in_use != Source.COURSE:
-        sample_t_s = tick.filter.t_s if before.sample_t_s is None else max(before.sample_t_s, tick.filter.t_s)
-    newest = headings[-1] if headings else before
+        sample_t_s = tick.filter.t_s if previous.sample_t_s is None else max(previous.sample_t_s, tick.filter.t_s)
+    newest = headings[-1] if headings else previous
     return HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
 
 
-def change_event(before: Source, after: Source) -> Event:
-    """Return the event of a change of source."""
-    if after is Source.NONE:
-        return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} failed")
-    if before is Source.NONE:
-        return Event(Severity.INFO, f"Heading source: {NAMES[after]}")
-    worse = after > before
+def change_event(previous: Source, current: Source) -> Event:
+    """Return the event of a change of the heading source."""
+    if current is Source.NONE:
+        return Event(Severity.ERROR, f"Heading lost: {NAMES[previous]} failed")
+    if previous is Source.NONE:
+        return Event(Severity.INFO, f"Heading source: {NAMES[current]}")
+    is_worse = current > previous
     return Event(
-        Severity.WARNING if worse else Severity.NOTICE, f"Heading source: {NAMES[after]} (was {NAMES[before]})"
+        Severity.WARNING if is_worse else Severity.NOTICE, f"Heading source: {NAMES[current]} (was {NAMES[previous]})"
     )
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
-    """Return the state with the declination of the place."""
-    latest = state.declination
+    """Return the state with the declination at the last position."""
+    current = state.declination
     for sample in positions:
         place = place_of(sample)
-        latest = declination.update(latest, place.latitude_rad, place.longitude_rad, sample.utc_s)
-    return state if latest is state.declination else replace(state, declination=latest)
+        current = declination.update(current, place.latitude_rad, place.longitude_rad, sample.utc_s)
+    return state if current is state.declination else replace(state, declination=current)
 
 
 def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> HeadingEstimate | None:
-    """Return the estimate to steer by; None where the filter does not steer: not started, or not consistent."""
+    """Return the input of the control law; None if the filter is not used: not started, or not consistent."""
     tick = state.tick
     if settings.observer_only or not heading_tick.is_trusted(tick):
         return None
@@ -208,28 +210,28 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
 
 
 def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> Estimate | None:
-    """Return the estimate for the log and the link; None where the filter does not steer, or has not started."""
+    """Return the estimate for the log and the link; None if the filter is not used or has not started."""
     heading, tick = state.heading, state.tick
     if settings.observer_only or not heading_filter.has_started(tick.filter):
         return None
     f, m, levels = tick.filter, tick.filter.motion, tick.filter.levels
-    now = water.estimated(state.water, heading.t_s)
-    grown = prediction_check.sd_inflation(tick.check)
+    estimate = water.estimate_at(state.water, heading.t_s)
+    inflation = prediction_check.sd_inflation(tick.check)
     return Estimate(
         int(tick.sources.in_use),
         heading.heading_rad,
         heading_tick.heading_sd(tick),
         heading.yaw_rate_rad_s,
-        grown * math.sqrt(m.p11),
+        inflation * math.sqrt(m.p11),
         m.bias_rad,
-        grown * math.sqrt(m.p22),
+        inflation * math.sqrt(m.p22),
         wave_period_s=math.exp(levels.wave_period),
         wave_sd_rad=math.exp(levels.wave_sd),
         compass_noise_rad=math.exp(levels.compass_noise),
-        speed_m_s=now.speed_m_s,
-        speed_sd_m_s=now.speed_sd_m_s,
-        current_north_m_s=now.current_north_m_s,
-        current_east_m_s=now.current_east_m_s,
+        speed_m_s=estimate.speed_m_s,
+        speed_sd_m_s=estimate.speed_sd_m_s,
+        current_north_m_s=estimate.current_north_m_s,
+        current_east_m_s=estimate.current_east_m_s,
         innovation_rad=f.innovation_rad,
         innovation_sd_rad=f.innovation_sd_rad,
         innovation_square=f.innovation_square,
@@ -244,14 +246,14 @@ def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> 
 def water_report(state: HeadingEstimatorState) -> Water:
     """Return speed, current and leeway for guidance; before the first position, the expected values."""
     north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(state.water)
-    now = water.estimated(state.water, state.heading.t_s)
+    estimate = water.estimate_at(state.water, state.heading.t_s)
     return Water(
         speed_m_s,
-        math.hypot(now.mean_speed_sd_m_s, water.EDDY_SD_M_S),
+        math.hypot(estimate.mean_speed_sd_m_s, water.EDDY_SD_M_S),
         north_m_s,
         east_m_s,
-        math.hypot(now.current_sd_m_s, water.EDDY_SD_M_S),
+        math.hypot(estimate.current_sd_m_s, water.EDDY_SD_M_S),
         leeway_rad,
-        now.leeway_sd_rad,
+        estimate.leeway_sd_rad,
         state.water.verdict.too_strong > 0.5,
     )

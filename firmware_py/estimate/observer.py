@@ -11,14 +11,14 @@ from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.estimate import fixed_gain
-from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
+from firmware_py.estimate.deviation import Deviation, deviation_rad, read_deviation
 from firmware_py.model.kt import KtModel, decay_over
 
 
 class ObserverSettings(msgspec.Struct, frozen=True):
-    """Time constant, compass corrections, age limit and the model, of which the linear part is used.
+    """Time constant, compass corrections, time-out, and the K-T model, of which only the linear part is used.
 
-    offset_rad and deviations (A to E of compass.deviation_rad) are those of compass A and B.
+    `offset_rad` and `deviations` are those of compass A and B.
     """
 
     tau_s: float
@@ -36,17 +36,17 @@ class ObserverSettings(msgspec.Struct, frozen=True):
         return cls(
             tau_s=parameters["EST_TAU_S"],
             offset_rad=(radians(parameters["CMP_OFFSET_DEG"]), radians(parameters["CMPB_OFFSET_DEG"])),
-            deviations=(deviation_of(parameters, "CMP"), deviation_of(parameters, "CMPB")),
+            deviations=(read_deviation(parameters, "CMP"), read_deviation(parameters, "CMPB")),
             declination_rad=radians(parameters["CMP_DECL_DEG"]),
             timeout_s=parameters["CMP_TIMEOUT_S"],
             model=model,
-            # A yaw rate beyond several times that of full rudder is noise, at any speed of the boat.
+            # A yaw rate far beyond that of full rudder is noise, at any speed of the boat.
             yaw_rate_limit_rad_s=10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0),
         )
 
 
 class HeadingState(msgspec.Struct, frozen=True):
-    """Heading and yaw rate at t_s, and the time of the last sample; None before the first."""
+    """Heading and yaw rate at t_s; sample_t_s: time of the last sample, None before the first."""
 
     t_s: float = 0.0
     heading_rad: float = 0.0
@@ -55,17 +55,17 @@ class HeadingState(msgspec.Struct, frozen=True):
     roll_rad: float | None = None
     pitch_rad: float | None = None
 
-    def fresh(self, now_s: float, timeout_s: float) -> bool:
-        """Return whether the last sample is younger than the timeout."""
+    def is_fresh(self, now_s: float, timeout_s: float) -> bool:
+        """Return whether there is a sample that is not older than the time-out."""
         return self.sample_t_s is not None and now_s - self.sample_t_s <= timeout_s
 
 
 def true_heading_rad(settings: ObserverSettings, sample: HeadingSample) -> float:
-    """Return the sample's heading of the hull from true north, in [0, 2 pi)."""
-    number = 1 if sample.source == 1 else 0
+    """Return the true heading of the boat by a sample, in [0, 2 pi)."""
+    index = 1 if sample.source == 1 else 0
     declination_rad = settings.declination_rad if sample.reference is NorthReference.MAGNETIC else 0.0
-    mounted_rad = sample.heading_rad + settings.offset_rad[number]
-    return wrap_two_pi(mounted_rad + declination_rad + deviation_rad(settings.deviations[number], mounted_rad))
+    mounted_rad = sample.heading_rad + settings.offset_rad[index]
+    return wrap_two_pi(mounted_rad + declination_rad + deviation_rad(settings.deviations[index], mounted_rad))
 
 
 def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_rad: float) -> HeadingState:
@@ -87,11 +87,11 @@ def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_
 
 
 def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSample, rudder_rad: float) -> HeadingState:
-    """Return the state updated with a sample; the first one, or one after a gap, restarts it."""
+    """Return the state updated with a sample; the first one, and one after a gap, restart it."""
     measured_rad = true_heading_rad(settings, sample)
     if not math.isfinite(measured_rad) or not math.isfinite(sample.t_s):
         return state
-    if not state.fresh(sample.t_s, settings.timeout_s):
+    if not state.is_fresh(sample.t_s, settings.timeout_s):
         return HeadingState(sample.t_s, measured_rad, 0.0, sample.t_s, sample.roll_rad, sample.pitch_rad)
     predicted = predict(settings, state, sample.t_s, rudder_rad)
     step_s = sample.t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
@@ -113,9 +113,9 @@ def update(
     rudder_rad: float,
     now_s: float,
 ) -> HeadingState:
-    """Return the state at the tick, updated with its samples, oldest first."""
+    """Return the state at now_s, updated with the samples of a tick, oldest first."""
     for sample in samples:
         state = correct(settings, state, sample, rudder_rad)
-    if not state.fresh(now_s, settings.timeout_s):
+    if not state.is_fresh(now_s, settings.timeout_s):
         return state
     return predict(settings, state, now_s, rudder_rad)

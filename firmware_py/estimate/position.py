@@ -1,8 +1,7 @@
 """Position of the boat: fixes smoothed with its predicted motion, and a gate for jumps.
 
-A fix farther away than the boat can have sailed is rejected. When further fixes agree with it for long enough, the
-former position was wrong, and the new one is accepted. Without fixes dead reckoning continues the position
-(dead_reckoning.py).
+A fix that the boat cannot have reached is rejected. If further fixes agree with it for long enough, the former position
+was wrong, and the new one is accepted. Without fixes dead reckoning continues the position (dead_reckoning.py).
 """
 
 from __future__ import annotations
@@ -17,16 +16,16 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.dead_reckoning import DeadReckoning
 
-MAX_SPEED_M_S = 4.0  # over ground, with current
+MAX_SPEED_M_S = 4.0  # over ground
 MAX_FIX_ERROR_M = 50.0  # largest error of a working receiver
-SMOOTHING_S = 10.0
+SMOOTHING_S = 10.0  # time constant
 MAX_GAP_S = 60.0  # after a longer gap the estimate restarts at a fix
-MIN_WITNESSES = 3
-FIRST_POSITION_PHASE_S = 1800.0
+MIN_WITNESSES = 3  # fixes that confirm a jump
+FIRST_POSITION_PHASE_S = 1800.0  # in which a jump proves the first fix wrong
 
 
 class PositionSettings(msgspec.Struct, frozen=True):
-    """Time after which a jump is accepted."""
+    """Parameter POS_JUMP_S: time after which a jump is accepted."""
 
     jump_s: float
 
@@ -37,10 +36,10 @@ class PositionSettings(msgspec.Struct, frozen=True):
 
 
 class PositionState(msgspec.Struct, frozen=True):
-    """Estimated position at t_s, the last accepted fix (`fix`), and the first of the rejected ones (`suspect`).
+    """Estimated position at t_s, the last accepted fix (`fix`), the first of the rejected fixes (`suspect`).
 
-    `begun` is the first fix of all, or the one that confirmed a jump. `dead_reckoning` is active while fixes are
-    missing, also after a restart without any fix.
+    `witnesses`: number of fixes near `suspect`. `begun`: the very first fix, or the one that confirmed a jump.
+    `dead_reckoning`: not None while fixes are missing, also after a restart without any fix.
     """
 
     t_s: float = 0.0
@@ -54,7 +53,7 @@ class PositionState(msgspec.Struct, frozen=True):
 
 
 def has_valid_position(sample: PositionSample) -> bool:
-    """Return whether the sample has a position with a valid latitude and longitude."""
+    """Return whether the sample has a valid latitude, longitude and time."""
     latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
     if latitude_rad is None or longitude_rad is None or sample.fix is FixType.NONE:
         return False
@@ -70,21 +69,21 @@ def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float
 
 
 def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple[PositionState, bool]:
-    """Return the state after a fix, and whether the fix is accepted. `jump_s`: time after which a jump is."""
+    """Return the state after a fix, and whether it is accepted. `jump_s`: time after which a jump is accepted."""
     if not has_valid_position(sample):
         return state, False
     if state.fix is None:
-        return _at(sample, sample.t_s, sample), True
+        return _restart_at(sample, sample.t_s, sample), True
     gap_s = sample.t_s - state.fix.t_s
-    if _distance_m(state.fix, sample) > _reach_m(gap_s):
+    if _distance_m(state.fix, sample) > _max_distance_m(gap_s):
         suspect, witnesses = state.suspect, state.witnesses
-        if suspect is None or _distance_m(suspect, sample) > _reach_m(sample.t_s - suspect.t_s):
+        if suspect is None or _distance_m(suspect, sample) > _max_distance_m(sample.t_s - suspect.t_s):
             return replace(state, suspect=sample, witnesses=1), False
         if sample.t_s - suspect.t_s < jump_s or witnesses < MIN_WITNESSES:
             return replace(state, witnesses=witnesses + 1), False
-        return _at(sample, sample.t_s, sample), True
+        return _restart_at(sample, sample.t_s, sample), True
     if gap_s > MAX_GAP_S or gap_s < 0.0:
-        return _at(sample, max(sample.t_s, state.t_s), state.begun), True
+        return _restart_at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(place_of(sample))
     state = replace(state, fix=sample, suspect=None, witnesses=0, dead_reckoning=None)
@@ -99,12 +98,20 @@ def accepted_jump_m(state: PositionState, sample: PositionSample) -> float | Non
     return distance_m if distance_m > MAX_FIX_ERROR_M else None
 
 
-def withdrawn_first_fix(before: PositionState, after: PositionState) -> PositionSample | None:
-    """Return the first fix if an accepted jump in FIRST_POSITION_PHASE_S after it has just proved it wrong."""
-    first, now = before.begun, after.begun
-    if first is None or now is None or now is first or now.t_s - first.t_s > FIRST_POSITION_PHASE_S:
+def find_wrong_first_fix(previous: PositionState, current: PositionState) -> PositionSample | None:
+    """Return the first fix if a jump has just proved it wrong, else None.
+
+    Such a jump is accepted between the two states, and within FIRST_POSITION_PHASE_S of the first fix.
+    """
+    first_fix, current_first = previous.begun, current.begun
+    if (
+        first_fix is None
+        or current_first is None
+        or current_first is first_fix
+        or current_first.t_s - first_fix.t_s > FIRST_POSITION_PHASE_S
+    ):
         return None
-    return first
+    return first_fix
 
 
 def distance_from_estimate_m(state: PositionState, sample: PositionSample) -> float:
@@ -113,28 +120,29 @@ def distance_from_estimate_m(state: PositionState, sample: PositionSample) -> fl
 
 
 def time_since_fix_s(state: PositionState) -> float:
-    """Return the time without a fix at the last prediction; without any fix, that of the dead reckoning."""
+    """Return the time from the last fix to the last prediction; without any fix, since dead reckoning began."""
     if state.fix is not None:
         return state.t_s - state.fix.t_s
     return 0.0 if state.dead_reckoning is None else state.t_s - state.dead_reckoning.begun_s
 
 
 def utc_s(state: PositionState, now_s: float) -> float | None:
-    """Return UTC from the last accepted fix, however old; None if that had no time."""
+    """Return UTC by the last accepted fix, of any age; None if that had no UTC."""
     fix = state.fix
     return None if fix is None or fix.utc_s is None else fix.utc_s + (now_s - fix.t_s)
 
 
-def _reach_m(gap_s: float) -> float:
+def _max_distance_m(gap_s: float) -> float:
+    """Return the largest distance between two fixes of a boat, with the time gap_s between them."""
     return MAX_FIX_ERROR_M + MAX_SPEED_M_S * max(0.0, gap_s)
 
 
 def place_of(sample: PositionSample) -> Place:
-    """Return the position of a sample that has one."""
+    """Return the position of a sample; the sample must have one."""
     return Place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
 
 
-def _at(sample: PositionSample, t_s: float, begun: PositionSample | None) -> PositionState:
+def _restart_at(sample: PositionSample, t_s: float, begun: PositionSample | None) -> PositionState:
     """Return the state restarted at a fix."""
     place = place_of(sample)
     return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample, begun=begun)
@@ -145,7 +153,7 @@ def _distance_m(fix: PositionSample, other: PositionSample) -> float:
 
 
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
-    """Return the state with the position displaced north and east."""
+    """Return the state of t_s with the position displaced north and east."""
     place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
     suspect, witnesses, begun = state.suspect, state.witnesses, state.begun
     latitude_rad, longitude_rad = place.latitude_rad, place.longitude_rad

@@ -1,8 +1,8 @@
 """Offset of the rudder linkage, from the mean rudder angle on straight courses in calm water.
 
-Ten minutes in which the heading hardly changes are one observation: the mean measured angle. The rudder angle that wind
-and waves need depends on the course, so the means of the eighths of the circle have equal weight. What remains on all
-courses is the offset of the linkage. It is only proposed, not set.
+Ten minutes in which the heading hardly changes are one observation: the mean measured angle. Wind and waves need a
+rudder angle that depends on the course, so each sector of the circle has the same weight. The mean over all sectors is
+the offset of the linkage. It is only proposed, not set.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.records import Inputs
 
 STRETCH_S: Final = 600.0
-LONGEST_GAP_S: Final = 10.0
-MAX_HEADING_SD_RAD: Final = radians(6.0)  # over a stretch: more means waves or a turn
+MAX_GAP_S: Final = 10.0  # between ticks; a longer gap begins another stretch
+MAX_HEADING_SD_RAD: Final = radians(6.0)  # over a stretch; it is larger in waves or in a turn
 MAX_TURN_RAD: Final = radians(25.0)  # from the first heading of a stretch; beyond it the stretch is discarded
-MIN_READINGS: Final = 100
-SECTORS: Final = 8
+MIN_READINGS: Final = 100  # of heading and of rudder, in a stretch
+SECTORS: Final = 8  # of the full circle
 MIN_STRETCHES, MIN_SECTORS = 12, 5
 MAX_SD_RAD: Final = radians(0.5)
 
 
 class RudderCentre(msgspec.Struct, frozen=True):
-    """Mean offset of the rudder from amidships, its standard deviation, and the numbers of stretches and sectors."""
+    """Mean offset of the rudder from the centre, its standard deviation, and the numbers of stretches and sectors."""
 
     mean_rad: float
     sd_rad: float
@@ -38,14 +38,17 @@ class RudderCentre(msgspec.Struct, frozen=True):
 
     @property
     def ready(self) -> bool:
-        """Whether the offset can be proposed."""
+        """Whether the offset is certain enough to be proposed."""
         is_complete = self.stretches >= MIN_STRETCHES and self.sectors >= MIN_SECTORS
         return is_complete and self.sd_rad <= MAX_SD_RAD
 
 
 @dataclass(slots=True)
 class _Stretch:
-    """Stretch in progress: sums of the angle turned since its first heading, of its square, and of the rudder angle."""
+    """Stretch in progress: sums of the angle turned since its first heading, of its square, and of the rudder angle.
+
+    `headings` and `readings` are the numbers of headings and of rudder angles in the sums.
+    """
 
     begun_s: float
     last_s: float
@@ -58,21 +61,21 @@ class _Stretch:
 
 
 class RudderCentreEstimator:
-    """Collects the stretches of a voyage."""
+    """Mean rudder angles of the stretches of a voyage."""
 
     def __init__(self) -> None:
-        """Begin without observations."""
+        """Create an estimator without observations."""
         self.means_rad: list[list[float]] = [[] for _ in range(SECTORS)]
-        self.unsteady = 0  # stretches broken off by a turn, or in waves
+        self.unsteady = 0  # number of stretches discarded because of a turn or waves
         self._stretch: _Stretch | None = None
 
     def take(self, inputs: Inputs, to_rudder: Callable[[float], float], *, steers: bool) -> None:
-        """Process a tick; `to_rudder` converts a shaft angle to a rudder angle. Ticks without steering are ignored."""
+        """Process a tick; `to_rudder` converts shaft to rudder angles. A tick without steering ends the stretch."""
         now_s, stretch = inputs.tick.t_s, self._stretch
         if not steers:
             self._stretch = None
             return
-        if stretch is None or not 0.0 <= now_s - stretch.last_s <= LONGEST_GAP_S:
+        if stretch is None or not 0.0 <= now_s - stretch.last_s <= MAX_GAP_S:
             stretch = self._stretch = _Stretch(now_s, now_s)
         stretch.last_s = now_s
         for heading in inputs.headings:
@@ -97,16 +100,16 @@ class RudderCentreEstimator:
 
     def result(self) -> RudderCentre | None:
         """Return the estimated offset; None with fewer than two stretches."""
-        stretches = [mean for means in self.means_rad for mean in means]
-        sailed = [fmean(means) for means in self.means_rad if means]
-        if len(stretches) < 2:
+        all_means_rad = [mean for means in self.means_rad for mean in means]
+        means_rad = [fmean(means) for means in self.means_rad if means]
+        if len(all_means_rad) < 2:
             return None
-        # From the means of the sectors if there are several: the effect of the wind differs between them and is no
-        # noise.
-        sd_rad = stdev(sailed) / math.sqrt(len(sailed)) if len(sailed) > 1 else stdev(stretches)
-        return RudderCentre(fmean(sailed), sd_rad, len(stretches), len(sailed))
+        # With several sectors, that of their means: the effect of the wind differs between sectors.
+        sd_rad = stdev(means_rad) / math.sqrt(len(means_rad)) if len(means_rad) > 1 else stdev(all_means_rad)
+        return RudderCentre(fmean(means_rad), sd_rad, len(all_means_rad), len(means_rad))
 
     def _finish(self, stretch: _Stretch) -> None:
+        """Store the mean rudder angle of a complete stretch, if it has enough readings and a steady heading."""
         if min(stretch.headings, stretch.readings) < MIN_READINGS or stretch.first_rad is None:
             return
         mean_rad = stretch.turned_rad / stretch.headings

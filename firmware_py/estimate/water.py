@@ -1,11 +1,11 @@
 """Speed through the water, current and leeway in a tick, from positions. Numeric core; the filter is water_filter.py.
 
-On a steady heading only the sum of speed and current along it is observable; each turn separates the two, and the
-leeway from the current across. The standard deviations show this.
+On a constant heading only the sum of the speed and the current along it is observable, and across it only the sum of
+sideways speed and current. A turn makes them observable separately; the standard deviations are large until then.
 
-The estimate scatters from position to position within its standard deviation. In a current nearly as fast as the boat,
-the heading for a course, and with it the rudder, would scatter, too. So guidance uses slow values, which follow the
-estimate within its standard deviation.
+The estimate varies from position to position within its standard deviation. In a current nearly as fast as the boat
+this would also vary the heading for a course, and with it the rudder. So guidance uses slow values: the estimate
+through a low-pass filter, limited to the standard deviation around the estimate.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from firmware_py.model.kt import KtModel, scaled
 # Standard deviations of the values expected before the first position.
 FIRST_SPEED_SD_M_S, FIRST_CURRENT_SD_M_S, FIRST_SIDEWAYS_SD_M_S = 0.3, 0.3, 0.1
 SLOW_TIME_CONSTANT_S: Final = 30.0
-EDDY_SD_M_S: Final = 0.03  # by which small eddies differ from the filtered current
-MAX_ORIGIN_DISTANCE_M: Final = 5000.0  # from the origin, which then moves
-SPEED_RATIOS: Final = (0.1, 10.0)
-KNOWN_SPEED_SD_M_S: Final = 0.05
-STRETCH_S: Final = 10.0  # of the track, for a heading from it
+EDDY_SD_M_S: Final = 0.03  # of small eddies, relative to the filtered current
+MAX_ORIGIN_DISTANCE_M: Final = 5000.0  # per axis; beyond it the origin is moved to the boat
+SPEED_RATIOS: Final = (0.1, 10.0)  # limits of the speed divided by the speed of the model
+KNOWN_SPEED_SD_M_S: Final = 0.05  # at which estimate and expected speed have the same weight
+STRETCH_S: Final = 10.0  # duration of a stretch of track, for a heading from it
 
 
 class Expected(NamedTuple):
-    """Current north and east and the speed through the water [m/s]."""
+    """Expected or slow values: current north and east, and speed through the water [m/s]."""
 
     north_m_s: float = 0.0
     east_m_s: float = 0.0
@@ -46,9 +46,10 @@ class Place(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Begin of a stretch of track (NaN: there is none), and the estimated heading on it.
+    """Start of a stretch of track (t_s NaN: there is none), and the estimated heading on it.
 
-    `heading_rad` is the last one (NaN: none), `cosine_s` and `sine_s` are the integrals of its cosine and sine.
+    `heading_rad` is the last one (NaN: none); `cosine_s` and `sine_s` are the integrals of the heading's cosine and
+    sine since the start.
     """
 
     t_s: float = math.nan
@@ -67,9 +68,9 @@ NO_VERDICT: Final = CurrentVerdict()
 
 
 class WaterState(NamedTuple):
-    """Time of the last position (NaN: there was none), filter, verdict on the current, and the slow values.
+    """Time of the last position (NaN: none), filter, verdict on the current, slow values.
 
-    `slow_t_s` is the time of the slow values; NaN: there are none, and guidance uses `expected`.
+    `slow_t_s` is the time of the slow values; while it is NaN, guidance uses `expected`.
     """
 
     fix_t_s: float = math.nan
@@ -83,7 +84,7 @@ class WaterState(NamedTuple):
 
 
 def begin_filter(t_s: float, e: Expected) -> WaterFilter:
-    """Return the filter at the first position, with the expected speed and current."""
+    """Return the filter at the first position, which is the origin, with the expected speed and current."""
     return water_filter.begin(
         t_s, 0.0, 0.0, e.speed_m_s, FIRST_SPEED_SD_M_S, e.north_m_s, e.east_m_s, FIRST_CURRENT_SD_M_S, 0.0,
         FIRST_SIDEWAYS_SD_M_S,
@@ -92,28 +93,30 @@ def begin_filter(t_s: float, e: Expected) -> WaterFilter:
 
 def initial_state(north_m_s: float, east_m_s: float, speed_m_s: float) -> WaterState:
     """Return the state before the first position, with the expected current and speed [m/s]."""
-    e = Expected(north_m_s, east_m_s, speed_m_s)
-    return WaterState(math.nan, begin_filter(0.0, e), NO_VERDICT, math.nan, e, e, NO_PLACE, NO_STRETCH)
+    expected = Expected(north_m_s, east_m_s, speed_m_s)
+    return WaterState(
+        math.nan, begin_filter(0.0, expected), NO_VERDICT, math.nan, expected, expected, NO_PLACE, NO_STRETCH
+    )
 
 
 START: Final = initial_state(0.0, 0.0, 0.5)
 
 
 def has_started(s: WaterState) -> bool:
-    """Return whether there was a position."""
+    """Return whether there has been a position."""
     return not math.isnan(s.fix_t_s)
 
 
 def with_filter(s: WaterState, fix_t_s: float, f: WaterFilter, origin: Place, stretch: Stretch) -> WaterState:
-    """Return the state with another filter, its fix time, origin and stretch."""
+    """Return the state with this filter and its fix time, origin and stretch."""
     return WaterState(fix_t_s, f, s.verdict, s.slow_t_s, s.slow, s.expected, origin, stretch)
 
 
-def take_heading(s: WaterState, heading_rad: float, by_compass: bool, step_s: float) -> WaterState:  # noqa: FBT001 - compiled
-    """Return the state after step_s on this estimated heading; the filter takes only one by a compass."""
+def take_heading(s: WaterState, heading_rad: float, is_compass_used: bool, step_s: float) -> WaterState:  # noqa: FBT001 - compiled
+    """Return the state after step_s on this estimated heading; the filter uses it only if a compass is in use."""
     if not has_started(s):
         return s
-    f, t = water_filter.take_heading(s.filter, heading_rad if by_compass else math.nan, step_s), s.stretch
+    f, t = water_filter.take_heading(s.filter, heading_rad if is_compass_used else math.nan, step_s), s.stretch
     stretch = Stretch(
         t.t_s, t.north_m, t.east_m, heading_rad,
         t.cosine_s + step_s * math.cos(heading_rad), t.sine_s + step_s * math.sin(heading_rad),
@@ -122,7 +125,7 @@ def take_heading(s: WaterState, heading_rad: float, by_compass: bool, step_s: fl
 
 
 def offset_m(origin: Place, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
-    """Return the offset of a position north and east of the origin [m], by the cosine of the middle latitude."""
+    """Return the offset of a position north and east of the origin [m], for distances of kilometres."""
     east_rad = wrap_pi(longitude_rad - origin.longitude_rad)
     middle_rad = 0.5 * (latitude_rad + origin.latitude_rad)
     return EARTH_RADIUS_M * (latitude_rad - origin.latitude_rad), EARTH_RADIUS_M * math.cos(middle_rad) * east_rad
@@ -133,15 +136,16 @@ def take_position(
 ) -> tuple[WaterState, float, float]:
     """Return the state with a position, and the heading from the track with its standard deviation (NaN: none).
 
-    A stretch of track has its mean heading; the heading at its end differs from that as the estimated heading does.
+    A stretch of track gives the mean heading. The difference between the last and the mean estimated heading is added
+    to it for the heading at the end.
     """
-    here, heading_rad, sd_rad = Place(latitude_rad, longitude_rad), math.nan, math.nan
+    position, heading_rad, sd_rad = Place(latitude_rad, longitude_rad), math.nan, math.nan
     if not has_started(s):
-        return with_filter(s, t_s, begin_filter(t_s, s.expected), here, NO_STRETCH), heading_rad, sd_rad
+        return with_filter(s, t_s, begin_filter(t_s, s.expected), position, NO_STRETCH), heading_rad, sd_rad
     f, origin, stretch = s.filter, s.origin, s.stretch
     north_m, east_m = offset_m(origin, latitude_rad, longitude_rad)
     if abs(north_m) > MAX_ORIGIN_DISTANCE_M or abs(east_m) > MAX_ORIGIN_DISTANCE_M:
-        f, origin, stretch = water_filter.with_moved_origin(f, north_m, east_m), here, NO_STRETCH
+        f, origin, stretch = water_filter.with_moved_origin(f, north_m, east_m), position, NO_STRETCH
         north_m = east_m = 0.0
     f = water_filter.correct(f, t_s, north_m, east_m)
     duration_s = t_s - stretch.t_s
@@ -155,29 +159,29 @@ def take_position(
     return with_filter(s, t_s, f, origin, stretch), heading_rad, sd_rad
 
 
-def follow_slowly(before: float, now: float, part: float, sd: float) -> float:
-    """Return `before` moved towards `now` by a share, within the standard deviation of `now`."""
-    return clamp(before + part * (now - before), now - sd, now + sd)
+def follow_slowly(previous: float, estimate: float, gain: float, sd: float) -> float:
+    """Return the low-pass filtered value, limited to the standard deviation around the estimate."""
+    return clamp(previous + gain * (estimate - previous), estimate - sd, estimate + sd)
 
 
 def update(s: WaterState, now_s: float) -> WaterState:
     """Return the state after a tick: the verdict on the current and the slow values."""
     if not has_started(s):
         return s
-    now = water_filter.water_at(s.filter, now_s)
-    verdict = water_results.judge_current(s.verdict, s.filter, now, now_s)
-    north, east, speed = now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s
+    estimate = water_filter.water_at(s.filter, now_s)
+    verdict = water_results.judge_current(s.verdict, s.filter, estimate, now_s)
+    north, east, speed = estimate.current_north_m_s, estimate.current_east_m_s, estimate.mean_speed_m_s
     if not math.isnan(s.slow_t_s):
-        part, p = clamp((now_s - s.slow_t_s) / SLOW_TIME_CONSTANT_S, 0.0, 1.0), now.covariance
-        north = follow_slowly(s.slow.north_m_s, north, part, math.sqrt(max(p[0], 0.0)))
-        east = follow_slowly(s.slow.east_m_s, east, part, math.sqrt(max(p[4], 0.0)))
-        speed = follow_slowly(s.slow.speed_m_s, speed, part, now.mean_speed_sd_m_s)
+        gain, p = clamp((now_s - s.slow_t_s) / SLOW_TIME_CONSTANT_S, 0.0, 1.0), estimate.covariance
+        north = follow_slowly(s.slow.north_m_s, north, gain, math.sqrt(max(p[0], 0.0)))
+        east = follow_slowly(s.slow.east_m_s, east, gain, math.sqrt(max(p[4], 0.0)))
+        speed = follow_slowly(s.slow.speed_m_s, speed, gain, estimate.mean_speed_sd_m_s)
     slow = Expected(north, east, max(speed, water_filter.MIN_SPEED_M_S))
     return WaterState(s.fix_t_s, s.filter, verdict, now_s, slow, s.expected, s.origin, s.stretch)
 
 
-def estimated(s: WaterState, t_s: float) -> Water:
-    """Return the estimate at a time; before the first position, the expected values."""
+def estimate_at(s: WaterState, t_s: float) -> Water:
+    """Return the estimate at a time; before the first position it has the expected values."""
     return water_filter.water_at(s.filter, t_s if has_started(s) else s.filter.t_s)
 
 
@@ -185,8 +189,10 @@ def guidance_values(s: WaterState) -> tuple[float, float, float, float]:
     """Return current north and east, speed through the water [m/s] and leeway [rad] for guidance."""
     if math.isnan(s.slow_t_s):
         return s.expected.north_m_s, s.expected.east_m_s, s.expected.speed_m_s, 0.0
-    mean = s.filter.means[0]
-    leeway_rad = math.atan2(mean[water_filter.SIDEWAYS], max(mean[water_filter.MEAN_SPEED], water_filter.MIN_SPEED_M_S))
+    state = s.filter.means[0]
+    leeway_rad = math.atan2(
+        state[water_filter.SIDEWAYS], max(state[water_filter.MEAN_SPEED], water_filter.MIN_SPEED_M_S)
+    )
     return s.slow.north_m_s, s.slow.east_m_s, s.slow.speed_m_s, leeway_rad
 
 
@@ -196,33 +202,33 @@ def mean_speed_sd(s: WaterState) -> float:
 
 
 def model_speed(s: WaterState) -> float:
-    """Return the speed through the water at which the ship's model is taken [m/s].
+    """Return the speed through the water for the K-T model [m/s].
 
-    A wrong speed would spoil the heading, and a wrong heading the speed. So it stays at the speed that is expected
-    until the estimate is better known than KNOWN_SPEED_SD_M_S.
+    Errors of speed and heading would increase each other. So this is the expected speed while the standard deviation
+    of the estimated one is much larger than KNOWN_SPEED_SD_M_S, and the estimated one while it is much smaller.
     """
     if math.isnan(s.slow_t_s):
         return s.expected.speed_m_s
-    off = mean_speed_sd(s) / KNOWN_SPEED_SD_M_S
-    return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + off * off)
+    sd_ratio = mean_speed_sd(s) / KNOWN_SPEED_SD_M_S
+    return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + sd_ratio * sd_ratio)
 
 
 def model_at_speed(model: KtModel, s: WaterState) -> KtModel:
-    """Return the model at `model_speed`, within SPEED_RATIOS of its own speed."""
+    """Return the K-T model at `model_speed`, limited by SPEED_RATIOS."""
     ratio = clamp(model_speed(s) / model.speed_m_s, SPEED_RATIOS[0], SPEED_RATIOS[1])
     ability_1_s, lag_s, norrbin_s2 = scaled(model, ratio)
     return KtModel(ability_1_s, lag_s, norrbin_s2, model.rudder_offset_rad, ratio * model.speed_m_s)
 
 
 def over_ground_m_s(s: WaterState, heading_rad: float) -> tuple[float, float]:
-    """Return the boat's velocity over ground north and east on a heading; that of the current for NaN."""
+    """Return the velocity over ground north and east on a heading; that of the current if the heading is NaN."""
     north_m_s, east_m_s, speed_m_s, leeway_rad = guidance_values(s)
     if math.isnan(heading_rad):
         return north_m_s, east_m_s
-    way_rad = heading_rad + leeway_rad
-    return north_m_s + speed_m_s * math.cos(way_rad), east_m_s + speed_m_s * math.sin(way_rad)
+    course_rad = heading_rad + leeway_rad
+    return north_m_s + speed_m_s * math.cos(course_rad), east_m_s + speed_m_s * math.sin(course_rad)
 
 
 def speed_sd(s: WaterState) -> float:
-    """Return the standard deviation of the mean speed through the water [m/s]."""
+    """Return the standard deviation of the mean speed through the water with small eddies [m/s]."""
     return math.hypot(mean_speed_sd(s), EDDY_SD_M_S)

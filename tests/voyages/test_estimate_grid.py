@@ -15,7 +15,7 @@ from hil.lab.twin.sea import sea_of
 from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import Goal
 from support import informed_voyage
-from support.heading_recording import decayed
+from support.heading_recording import filter_first_order
 from support.informed_voyage import RECORDED_LIKE
 
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(7200)]
@@ -45,7 +45,7 @@ def judged(record):
     passes = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
-        low = decayed((1.0 - keep) * compass_rad, keep, compass_rad[0])
+        low = filter_first_order((1.0 - keep) * compass_rad, keep, compass_rad[0])
         off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[first:] - low])[use[first:]]
         passes.append(float(np.mean(off**2)))
     return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes

@@ -1,4 +1,4 @@
-"""The delay test on boats of the filter's own model that differ in the delay of the rudder only."""
+"""Delay test on boats that differ only in the delay of the rudder; the filter has the true model."""
 
 import math
 
@@ -19,58 +19,60 @@ LEVELS = NoiseLevels(
 
 
 class Boat:
-    """A boat that a proportional controller steers north, with a filter that is given the noise levels."""
+    """A boat that a proportional controller steers north, and its filter with the true noise levels."""
 
     def __init__(self, delay_s, seed):
-        self.numbers, self.truth = np.random.default_rng(seed), Motion()
-        self.waiting = [0.0] * round(delay_s / STEP_S)
+        self.rng, self.truth = np.random.default_rng(seed), Motion()
+        self.delayed_rad = [0.0] * round(delay_s / STEP_S)
         self.filter = heading_filter.begin(0.0, 0.0)._replace(begun_s=-heading_filter.CANDIDATE_PHASE_S, levels=LEVELS)
-        self.test, self.t_s, self.evidence = DelayTest(self.filter.motion), 0.0, 0.0
+        self.test, self.t_s, self.log_ratio_sum = DelayTest(self.filter.motion), 0.0, 0.0
 
-    def sail(self, seconds, measured=True):
-        """Return the evidence after so long."""
-        for draws in self.numbers.standard_normal((round(seconds / STEP_S), 2)):
+    def sail(self, seconds, is_measured=True):
+        """Simulate a time and return the sum of the log-likelihood ratios."""
+        for draws in self.rng.standard_normal((round(seconds / STEP_S), 2)):
             self.t_s += STEP_S
             rudder_rad = -GAIN * self.filter.motion.heading_rad
-            self.waiting.append(rudder_rad)
-            heading_rad, rate_rad_s = heading_model.extrapolate(self.truth, OCEAN_RAMBLER, self.waiting.pop(0), STEP_S)
+            self.delayed_rad.append(rudder_rad)
+            heading_rad, rate_rad_s = heading_model.extrapolate(
+                self.truth, OCEAN_RAMBLER, self.delayed_rad.pop(0), STEP_S
+            )
             heading_rad += radians(math.sqrt(STEP_S)) * draws[0]
             self.truth = self.truth._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s)
-            shown_rad = heading_rad + radians(0.3) * draws[1]
-            angle_rad, before = rudder_rad if measured else math.nan, self.filter
-            self.filter = heading_filter.update(before, OCEAN_RAMBLER, self.t_s, shown_rad, angle_rad)
+            compass_rad = heading_rad + radians(0.3) * draws[1]
+            angle_rad, previous = rudder_rad if is_measured else math.nan, self.filter
+            self.filter = heading_filter.update(previous, OCEAN_RAMBLER, self.t_s, compass_rad, angle_rad)
             self.filter = self.filter._replace(levels=LEVELS)
             self.test = delay_test.begin_tick(self.test)
-            self.test = delay_test.update(self.test, before, self.filter, OCEAN_RAMBLER, angle_rad, shown_rad)
-            self.evidence += self.test.log_ratio
-        return self.evidence
+            self.test = delay_test.update(self.test, previous, self.filter, OCEAN_RAMBLER, angle_rad, compass_rad)
+            self.log_ratio_sum += self.test.log_ratio
+        return self.log_ratio_sum
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
-def test_a_delay_is_detected_without_a_commanded_turn(seed):
+def test_delay_is_detected_without_a_commanded_turn(seed):
     assert Boat(12.0, seed).sail(1500.0) > 25.0
     assert Boat(0.0, seed).sail(600.0) < 0.0
 
 
-def test_a_rudder_that_is_not_measured_adds_no_evidence():
+def test_ratio_is_zero_without_a_measured_rudder():
     boat = Boat(12.0, 1)
-    assert boat.sail(300.0, measured=False) == 0.0
+    assert boat.sail(300.0, is_measured=False) == 0.0
     assert boat.test.motion == boat.filter.motion
 
 
-def test_nothing_is_compared_in_the_first_minute_nor_after_a_restart():
+def test_ratio_does_not_change_in_the_first_minute_or_after_a_restart():
     boat = Boat(12.0, 1)
     boat.sail(60.0)
-    later = heading_filter.begin(boat.t_s + 700.0, 1.0)
-    test = delay_test.update(boat.test, boat.filter, later, OCEAN_RAMBLER, 0.1, 1.0)
-    assert (test.motion, test.log_ratio) == (later.motion, boat.test.log_ratio)
+    restarted = heading_filter.begin(boat.t_s + 700.0, 1.0)
+    test = delay_test.update(boat.test, boat.filter, restarted, OCEAN_RAMBLER, 0.1, 1.0)
+    assert (test.motion, test.log_ratio) == (restarted.motion, boat.test.log_ratio)
     young = boat.filter._replace(begun_s=boat.t_s - 1.0)
     test = delay_test.update(boat.test, young, young._replace(t_s=boat.t_s + 1.0), OCEAN_RAMBLER, 0.1, 1.0)
     assert (test.motion, test.log_ratio) == (young.motion, boat.test.log_ratio)
 
 
 @pytest.mark.parametrize("rudder_rad", [math.nan, math.inf, 1e300])
-def test_the_first_heading_and_an_impossible_rudder_leave_it_finite(rudder_rad):
+def test_first_heading_and_impossible_rudder_keep_the_state_finite(rudder_rad):
     first = heading_filter.begin(1.0, 2.0)
     test = delay_test.update(DelayTest(), heading_filter.not_started(), first, OCEAN_RAMBLER, rudder_rad, 2.0)
     assert test == delay_test.with_motion(DelayTest(), first.motion)

@@ -23,39 +23,40 @@ def north_m(state):
 
 
 def after_fixes(*fixes, jump_s=60.0):
+    """Return the state after fixes, and whether each was accepted."""
     state, accepted = PositionState(), []
     for sample in fixes:
-        state, good = update(predict(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
-        accepted.append(good)
+        state, is_accepted = update(predict(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
+        accepted.append(is_accepted)
     return state, accepted
 
 
-def test_the_first_fix_sets_the_position_and_later_ones_are_smoothed():
+def test_first_fix_sets_the_position_and_later_fixes_are_smoothed():
     state, _ = after_fixes(fix(0.0))
     assert north_m(state) == pytest.approx(0.0, abs=1e-6)
     state, _ = after_fixes(fix(0.0), fix(1.0, 10.0))
     assert north_m(state) == pytest.approx(10.0 * (1.0 - math.exp(-0.1)), abs=1e-6)
 
 
-def test_between_fixes_the_position_is_predicted_and_a_fix_after_a_minute_restarts_it():
+def test_position_is_predicted_between_fixes_and_restarts_after_a_minute():
     state, _ = after_fixes(fix(0.0))
     assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
-    far = predict(state, 7200.0, (0.5, 0.0))
-    assert north_m(far) == pytest.approx(3600.0, abs=1e-3)
-    assert distance_from_estimate_m(far, fix(7200.0, 3000.0)) == pytest.approx(600.0, abs=1e-3)
-    again, _ = update(far, fix(7200.0, 3000.0), 60.0)
-    assert north_m(again) == pytest.approx(3000.0, abs=1e-3)
+    predicted = predict(state, 7200.0, (0.5, 0.0))
+    assert north_m(predicted) == pytest.approx(3600.0, abs=1e-3)
+    assert distance_from_estimate_m(predicted, fix(7200.0, 3000.0)) == pytest.approx(600.0, abs=1e-3)
+    restarted, _ = update(predicted, fix(7200.0, 3000.0), 60.0)
+    assert north_m(restarted) == pytest.approx(3000.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("silent_s", [30.0, 7200.0])
-def test_a_fix_ends_dead_reckoning(silent_s):
+@pytest.mark.parametrize("gap_s", [30.0, 7200.0])
+def test_fix_ends_dead_reckoning(gap_s):
     state, _ = after_fixes(fix(0.0))
-    state = predict(replace(state, dead_reckoning=DEAD_RECKONING), silent_s, (0.0, 0.0))
+    state = predict(replace(state, dead_reckoning=DEAD_RECKONING), gap_s, (0.0, 0.0))
     assert state.dead_reckoning is DEAD_RECKONING
-    assert update(state, fix(silent_s), 60.0)[0].dead_reckoning is None
+    assert update(state, fix(gap_s), 60.0)[0].dead_reckoning is None
 
 
-def test_a_short_jump_is_rejected_and_forgotten():
+def test_short_jump_is_rejected_and_ignored_afterwards():
     state, accepted = after_fixes(
         *(fix(t) for t in range(5)), *(fix(t, 10_000.0) for t in range(5, 20)), fix(20.0, 1.0)
     )
@@ -64,7 +65,7 @@ def test_a_short_jump_is_rejected_and_forgotten():
     assert state.witnesses == 0
 
 
-def test_a_lasting_jump_is_accepted():
+def test_lasting_jump_is_accepted_after_the_jump_time():
     state, accepted = after_fixes(fix(0.0), *(fix(t, 10_000.0) for t in range(1, 80)))
     assert accepted.index(True, 1) == pytest.approx(61, abs=2)
     assert north_m(state) == pytest.approx(10_000.0, abs=1.0)
@@ -75,19 +76,18 @@ def test_scattered_positions_are_never_accepted():
     assert not any(accepted[1:])
 
 
-def test_after_a_long_gap_a_distant_fix_is_accepted():
+def test_distant_fix_is_accepted_after_a_long_gap():
     _, accepted = after_fixes(fix(0.0), fix(5000.0, 10_000.0))
     assert accepted == [True, True]
 
 
-def test_a_missing_fix_and_values_that_are_not_finite_are_ignored():
-    state = after_fixes(fix(0.0))[0]
-    for sample in (fix(1.0, kind=FixType.NONE), PositionSample(1.0, FixType.FIX_3D, math.nan, 2.0), fix(1.0, math.nan)):
-        assert update(state, sample, 60.0) == (state, False)
-    for latitude_rad, longitude_rad in ((9.0, 2.0), (0.0, 0.0), (-0.0, 0.0), (math.pi / 2, 2.0)):
-        sample = PositionSample(1.0, FixType.FIX_3D, latitude_rad, longitude_rad)
-        assert update(state, sample, 60.0) == (state, False)
-        assert update(PositionState(), sample, 60.0) == (PositionState(), False)
+INVALID_POSITIONS = ((math.nan, 2.0), (9.0, 2.0), (0.0, 0.0), (-0.0, 0.0), (math.pi / 2, 2.0))
+
+
+@pytest.mark.parametrize("state", [PositionState(), after_fixes(fix(0.0))[0]], ids=["first fix", "later fix"])
+def test_invalid_fixes_are_ignored(state):
+    for sample in (fix(1.0, kind=FixType.NONE), *(PositionSample(1.0, FixType.FIX_3D, *p) for p in INVALID_POSITIONS)):
+        assert update(state, sample, 60.0) == (state, False), sample
 
 
 samples = st.builds(
@@ -96,16 +96,16 @@ samples = st.builds(
 
 
 @given(st.lists(samples, max_size=20))
-def test_the_position_is_always_valid(found):
-    state, _ = after_fixes(*found)
+def test_position_is_always_valid(fixes):
+    state, _ = after_fixes(*fixes)
     assert abs(state.latitude_rad) <= math.pi / 2
     assert abs(state.longitude_rad) <= math.pi + 1e-9
 
 
 def test_only_an_accepted_jump_has_a_distance():
-    held, _ = after_fixes(fix(0.0), *(fix(t, 200.0) for t in range(1, 30)))
-    assert accepted_jump_m(held, fix(45.0, 200.0)) == pytest.approx(200.0, abs=1.0)
-    assert accepted_jump_m(held, fix(30.0, 40.0)) is None  # back at the former position
-    sound, _ = after_fixes(*(fix(t) for t in range(5)))
-    assert accepted_jump_m(sound, fix(40.0, 150.0)) is None  # no jump: reachable in the time without fixes
+    jumped, _ = after_fixes(fix(0.0), *(fix(t, 200.0) for t in range(1, 30)))
+    assert accepted_jump_m(jumped, fix(45.0, 200.0)) == pytest.approx(200.0, abs=1.0)
+    assert accepted_jump_m(jumped, fix(30.0, 40.0)) is None  # back at the former position
+    steady, _ = after_fixes(*(fix(t) for t in range(5)))
+    assert accepted_jump_m(steady, fix(40.0, 150.0)) is None  # no jump: reachable in the time without fixes
     assert accepted_jump_m(PositionState(), fix(0.0)) is None

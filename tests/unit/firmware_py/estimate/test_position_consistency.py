@@ -1,4 +1,4 @@
-"""Places that do not move as the velocities of the same receiver say."""
+"""Positions that do not move according to the velocities of the same receiver."""
 
 import math
 
@@ -9,105 +9,89 @@ from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.position_consistency import STUCK_DISTANCE_M, PositionConsistency, is_stuck, update
 
 DISAGREEMENT = "GPS position/velocity differ by 0.8 m/s: spoofing?"
+CONSTANT = "GPS position unchanged for 5 min: static hold?"
 
 
-def voyage(seconds, moves_m_s=(0.4, 0.0), says_m_s=(0.4, 0.0), every_s=1.0, mute=()):
-    """Return the events of a voyage as (t_s, text)."""
-    state, events_so_far = PositionConsistency(), []
-    for number in range(int(seconds / every_s)):
-        t_s = number * every_s
-        speed_m_s, course_rad = math.hypot(*says_m_s), math.atan2(says_m_s[1], says_m_s[0]) % math.tau
-        fix = PositionSample(
-            t_s,
-            FixType.FIX_3D,
-            moves_m_s[0] * t_s / EARTH_RADIUS_M,
-            2.0 + moves_m_s[1] * t_s / EARTH_RADIUS_M,
-            speed_over_ground_m_s=speed_m_s,
-            course_over_ground_rad=None if number in mute else course_rad,
-        )
-        state, events = update(state, fix, armed=True)
-        events_so_far += [(t_s, event.text) for event in events]
-    return events_so_far
+def fix(t_s, north_m, speed_m_s, course_rad=None, east_m=0.0):
+    place = (north_m / EARTH_RADIUS_M, 2.0 + east_m / EARTH_RADIUS_M)
+    return PositionSample(
+        t_s, FixType.FIX_3D, *place, speed_over_ground_m_s=speed_m_s, course_over_ground_rad=course_rad
+    )
 
 
-@pytest.mark.parametrize("moves_m_s", [(1.2, 0.0), (-0.4, 0.0), (0.4, 0.8)])
-def test_a_position_that_drifts_against_its_velocity_is_reported_after_4_min_and_again_after_10(moves_m_s):
-    assert voyage(1000.0, moves_m_s) == [(240.0, DISAGREEMENT), (840.0, DISAGREEMENT)]
-    assert voyage(1000.0, moves_m_s, every_s=5.0) == [(240.0, DISAGREEMENT), (840.0, DISAGREEMENT)]
+def update_all(fixes, *, is_armed=True):
+    """Return the state after the fixes, and the reports as (t_s, text)."""
+    state, reports = PositionConsistency(), []
+    for sample in fixes:
+        state, events = update(state, sample, is_armed=is_armed)
+        reports += [(sample.t_s, event.text) for event in events]
+    return state, reports
 
 
-def test_positions_that_agree_with_their_velocities_are_not_reported():
-    assert voyage(3000.0) == []
-    assert voyage(3000.0, (0.8, 0.0)) == []  # within the errors of receivers
+def voyage_reports(seconds, moved_m_s=(0.4, 0.0), interval_s=1.0, without_course=()):
+    """Return the reports of a voyage whose receiver states a velocity of 0.4 m/s north."""
+    return update_all(
+        fix(t_s, moved_m_s[0] * t_s, 0.4, None if number in without_course else 0.0, moved_m_s[1] * t_s)
+        for number, t_s in enumerate(interval_s * number for number in range(int(seconds / interval_s)))
+    )[1]
 
 
-def test_rare_fixes_and_fixes_without_a_course_are_not_reported():
-    assert voyage(3000.0, (1.2, 0.0), every_s=6.0) == []
-    assert voyage(3000.0, (1.2, 0.0), mute=range(0, 3000, 100)) == []
+@pytest.mark.parametrize("interval_s", [1.0, 5.0])
+@pytest.mark.parametrize("moved_m_s", [(1.2, 0.0), (-0.4, 0.0), (0.4, 0.8)])
+def test_position_that_drifts_from_its_velocity_is_reported_after_4_min_and_10_min_later(moved_m_s, interval_s):
+    reports = voyage_reports(1000.0, moved_m_s, interval_s)
+    assert reports == [(240.0, DISAGREEMENT), (840.0, DISAGREEMENT)]
+
+
+@pytest.mark.parametrize(
+    ("moved_m_s", "interval_s", "without_course"),
+    [
+        pytest.param((0.4, 0.0), 1.0, (), id="equal"),
+        pytest.param((0.8, 0.0), 1.0, (), id="within the errors of receivers"),
+        pytest.param((1.2, 0.0), 6.0, (), id="rare fixes"),
+        pytest.param((1.2, 0.0), 1.0, range(0, 3000, 100), id="fixes without a course"),
+    ],
+)
+def test_voyage_is_not_reported(moved_m_s, interval_s, without_course):
+    assert voyage_reports(3000.0, moved_m_s, interval_s, without_course) == []
 
 
 @pytest.mark.parametrize("jumps_s", [(300,), (300, 600, 900)])
 def test_single_odd_windows_are_not_reported(jumps_s):
-    state, events_so_far = PositionConsistency(), []
-    for number in range(1200):
-        north_m = 0.4 * number + 100.0 * sum(number > jump_s for jump_s in jumps_s)
-        fix = PositionSample(
-            float(number),
-            FixType.FIX_3D,
-            north_m / EARTH_RADIUS_M,
-            2.0,
-            speed_over_ground_m_s=0.4,
-            course_over_ground_rad=0.0,
-        )
-        state, events = update(state, fix, armed=True)
-        events_so_far += events
-    assert events_so_far == []
+    fixes = (fix(float(t), 0.4 * t + 100.0 * sum(t > jump_s for jump_s in jumps_s), 0.4, 0.0) for t in range(1200))
+    assert update_all(fixes)[1] == []
 
 
-STILL = "GPS position unchanged for 5 min: static hold?"
+@pytest.mark.parametrize(
+    ("north_m", "is_armed", "reports"),
+    [
+        ([5.0] * 2000, True, [(300, CONSTANT)]),
+        ([5.0] * 400 + [5.1] * 400, True, [(300, CONSTANT), (700, CONSTANT)]),
+        ([number // 299 * 0.1 for number in range(2000)], True, []),
+        ([5.0] * 2000, False, []),
+    ],
+    ids=["constant", "two positions", "changes every 299 s", "disarmed"],
+)
+def test_constant_position_is_reported_once_until_it_changes(north_m, is_armed, reports):
+    fixes = (fix(float(t), position_m, 0.0) for t, position_m in enumerate(north_m))
+    assert update_all(fixes, is_armed=is_armed)[1] == reports
 
 
-def held(places, *, armed=True):
-    """Return the events of fixes each second, without a course, at latitudes in metres."""
-    state, events_so_far = PositionConsistency(), []
-    for number, north_m in enumerate(places):
-        fix = PositionSample(float(number), FixType.FIX_3D, north_m / EARTH_RADIUS_M, 2.0, speed_over_ground_m_s=0.0)
-        state, events = update(state, fix, armed=armed)
-        events_so_far += [(number, event.text) for event in events]
-    return events_so_far
+def constant_position(seconds, speed_m_s, *, is_turning=False):
+    """Return whether the last of the fixes at one position is stuck, the texts and the state."""
+    fixes = [fix(float(t), 5.0, speed_m_s, 1.0 + math.pi * (is_turning and t // 10 % 2)) for t in range(seconds)]
+    state, reports = update_all(fixes)
+    return is_stuck(state, fixes[-1]), [text for _, text in reports if "unchanged" in text], state
 
 
-def test_a_static_hold_is_reported_once_until_the_position_changes():
-    assert held([5.0] * 2000) == [(300, STILL)]
-    assert held([5.0] * 400 + [5.1] * 400) == [(300, STILL), (700, STILL)]
-    assert held([number // 299 * 0.1 for number in range(2000)]) == []
-
-
-def test_a_disarmed_boat_may_stand_still():
-    assert held([5.0] * 2000, armed=False) == []
-
-
-def standing(seconds, speed_m_s, course_rad=1.0, turns=False):
-    """Return whether the last of fixes each second at one position is stuck, the texts and the state."""
-    state, events_so_far = PositionConsistency(), []
-    for number in range(seconds):
-        way_rad = course_rad + math.pi * (number // 10 % 2) if turns else course_rad
-        fix = PositionSample(
-            float(number), FixType.FIX_3D, 0.6, 2.0, speed_over_ground_m_s=speed_m_s, course_over_ground_rad=way_rad
-        )
-        state, events = update(state, fix, armed=True)
-        events_so_far += [event.text for event in events if "unchanged" in event.text]
-    return is_stuck(state, fix), events_so_far, state
-
-
-def test_a_constant_position_with_a_velocity_is_stuck_and_reported_at_once():
+def test_constant_position_with_a_velocity_is_stuck_and_reported_at_once():
     seconds = math.ceil(STUCK_DISTANCE_M / 0.4)
-    assert standing(seconds, 0.4)[:2] == (False, [])
-    assert standing(seconds + 2, 0.4)[:2] == (True, [STILL.replace("5", "1")])
-    state = standing(seconds + 2, 0.4)[2]
-    assert not is_stuck(state, PositionSample(100.0, FixType.FIX_3D, 0.6 + 1e-9, 2.0))
+    assert constant_position(seconds, 0.4)[:2] == (False, [])
+    stuck, texts, state = constant_position(seconds + 2, 0.4)
+    assert (stuck, texts) == (True, [CONSTANT.replace("5", "1")])
+    assert not is_stuck(state, fix(100.0, 5.01, 0.4))
 
 
-@pytest.mark.parametrize(("speed_m_s", "turns"), [(0.0, False), (0.4, True)], ids=["slow", "to and fro in waves"])
-def test_a_static_hold_of_a_boat_that_stays_is_not_stuck(speed_m_s, turns):
-    assert standing(299, speed_m_s, turns=turns)[:2] == (False, [])
+@pytest.mark.parametrize(("speed_m_s", "is_turning"), [(0.0, False), (0.4, True)], ids=["slow", "to and fro in waves"])
+def test_constant_position_of_a_boat_that_does_not_move_away_is_not_stuck(speed_m_s, is_turning):
+    assert constant_position(299, speed_m_s, is_turning=is_turning)[:2] == (False, [])

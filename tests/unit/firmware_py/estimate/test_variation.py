@@ -1,6 +1,7 @@
-"""Variation stated by a compass and configured declination, from the sentence to the heading."""
+"""Variation sent by a compass and configured declination, from the NMEA sentence to the heading."""
 
 import math
+from functools import reduce
 
 import pytest
 
@@ -17,20 +18,18 @@ from support.line import FakeLine
 
 UTC_S = 1_767_225_600.0
 PLACE = PositionSample(0.0, FixType.FIX_3D, radians(36.0), radians(121.0), utc_s=UTC_S)
-BY_MODEL_DEG = math.degrees(declination_rad(radians(36.0), radians(121.0), UTC_S))  # 7.7 W
-MODEL, CONFIGURED, NOT_CONFIGURED = {"CMP_DECL_AUTO": 1}, {"CMP_DECL_DEG": BY_MODEL_DEG}, {}
+MODEL_DEG = math.degrees(declination_rad(radians(36.0), radians(121.0), UTC_S))  # 7.7 W
+MODEL, CONFIGURED, NOT_CONFIGURED = {"CMP_DECL_AUTO": 1}, {"CMP_DECL_DEG": MODEL_DEG}, {}
 
 
-def steered(body, settings, *more):
-    """Return the true heading [deg] after these sentences each second, and the reports."""
-    values = ParameterSet()
-    for name, value in settings.items():
-        values = values.replaced(name, value)
+def estimate_heading(body, settings, *bodies):
+    """Return the true heading [deg] after three seconds with these sentences, and the reports."""
+    values = reduce(lambda result, item: result.replaced(*item), settings.items(), ParameterSet())
     state, line, texts = State.at_start(values), FakeLine(), []
     compass, settings = NmeaCompass(line, NmeaCompassOptions()), settings_of(values)
     estimate, timeouts = state.heading_estimator, heading_timeouts_of(settings, state.devices)
     for second in range(1, 4):
-        line.inbox += b"".join(map(whole_sentence, (body, *more)))
+        line.inbox += b"".join(map(whole_sentence, (body, *bodies)))
         compass.receive(float(second))
         headings = compass.poll()
         estimate, events = heading_estimator.update(
@@ -55,8 +54,8 @@ def steered(body, settings, *more):
         ("100.0,20.0,E,,", ["Compass A states deviation 20.0 E: 7.7 W is used"]),
     ],
 )
-def test_the_configured_declination_replaces_an_implausible_variation(settings, fields, texts):
-    assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(100.0 + BY_MODEL_DEG, abs=0.1), texts)
+def test_configured_declination_replaces_an_implausible_variation(settings, fields, texts):
+    assert estimate_heading(f"HCHDG,{fields}", settings) == (pytest.approx(100.0 + MODEL_DEG, abs=0.1), texts)
 
 
 @pytest.mark.parametrize(
@@ -64,44 +63,44 @@ def test_the_configured_declination_replaces_an_implausible_variation(settings, 
     [
         ("100.0,0.0,E,0.0,E", NOT_CONFIGURED, 100.0),
         ("100.0,0.0,E,12.0,E", NOT_CONFIGURED, 112.0),
-        ("100.0,0.0,E,6.0,W", CONFIGURED, 94.0),  # the instrument knows better where it is than a parameter does
+        ("100.0,0.0,E,6.0,W", CONFIGURED, 94.0),  # close to the declination, and more accurate
         ("100.0,2.0,E,6.0,W", MODEL, 96.0),
-        ("100.0,4.0,E,,", CONFIGURED, 104.0 + BY_MODEL_DEG),  # a deviation
+        ("100.0,4.0,E,,", CONFIGURED, 104.0 + MODEL_DEG),  # a deviation
         ("100.0,4.0,E,6.0,W", CONFIGURED, 98.0),
     ],
 )
-def test_a_plausible_variation_is_used_and_not_reported(fields, settings, true_deg):
-    assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(true_deg, abs=0.1), [])
+def test_plausible_variation_is_used_and_not_reported(fields, settings, true_deg):
+    assert estimate_heading(f"HCHDG,{fields}", settings) == (pytest.approx(true_deg, abs=0.1), [])
 
 
-def test_a_true_heading_without_a_variation_is_unchanged():
-    assert steered("HEHDT,100.0,T", CONFIGURED) == (pytest.approx(100.0), [])
+def test_true_heading_without_a_variation_is_unchanged():
+    assert estimate_heading("HEHDT,100.0,T", CONFIGURED) == (pytest.approx(100.0), [])
 
 
-@pytest.mark.parametrize("reverse", [False, True])
-def test_a_true_heading_of_the_same_instrument_is_corrected_too(reverse):
-    both = ["HCHDG,100.0,,,12.0,E", "HCHDT,112.0,T"][:: -1 if reverse else 1]
-    true_deg, texts = steered(both[0], CONFIGURED, both[1])
-    assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=2.0)
+@pytest.mark.parametrize("order", [1, -1])
+def test_true_heading_of_the_same_instrument_is_corrected(order):
+    first, second = ["HCHDG,100.0,,,12.0,E", "HCHDT,112.0,T"][::order]
+    true_deg, texts = estimate_heading(first, CONFIGURED, second)
+    assert true_deg == pytest.approx(100.0 + MODEL_DEG, abs=2.0)
     assert len(texts) == 1
 
 
-def test_a_true_heading_of_another_instrument_is_not_corrected():
-    true_deg, _ = steered("HCHDG,100.0,,,12.0,E", CONFIGURED, "HEHDT,92.3,T")
-    assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=0.2)
+def test_true_heading_of_another_instrument_is_not_corrected():
+    true_deg, _ = estimate_heading("HCHDG,100.0,,,12.0,E", CONFIGURED, "HEHDT,92.3,T")
+    assert true_deg == pytest.approx(100.0 + MODEL_DEG, abs=0.2)
 
 
-def test_each_compass_is_reported_once_and_when_it_agrees_again():
+def test_unused_variation_is_reported_once_and_when_it_agrees_again():
     wrong, right = (HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(deg), source=1) for deg in (12.0, -7.0))
-    odd, events = check((None, None), [wrong, wrong], radians(-7.6))
+    unused, events = check((None, None), [wrong, wrong], radians(-7.6))
     assert [event.text for event in events] == ["Compass B states variation 12.0 E: 7.6 W is used"]
-    assert check(odd, [wrong], radians(-7.6)) == (odd, ())
-    odd, events = check(odd, [right], radians(-7.6))
+    assert check(unused, [wrong], radians(-7.6)) == (unused, ())
+    unused, events = check(unused, [right], radians(-7.6))
     assert [event.text for event in events] == ["Compass B: stated variation agrees"]
-    assert odd == (None, None)
+    assert unused == (None, None)
 
 
 @pytest.mark.parametrize("heading_rad", [math.nan, math.inf])
-def test_a_missing_heading_stays_missing(heading_rad):
+def test_heading_that_is_not_finite_is_unchanged(heading_rad):
     sample = HeadingSample(0.0, heading_rad, NorthReference.TRUE, 0.0)
     assert apply(sample, 0.1) is sample

@@ -1,4 +1,4 @@
-"""Water filter and its results: turns, gaps, outliers, restarts, hostile input; plain and compiled."""
+"""Water filter and its results: turns, gaps, outliers, restarts, extreme inputs, compiled code."""
 
 import copy
 import math
@@ -37,42 +37,42 @@ SQUARE = tuple(math.radians(angle) for angle in (0.0, 90.0, 180.0, 270.0))
 NO_VERDICT = CurrentVerdict(math.nan, 0.0, 0.0)
 
 
-def begun(speed_m_s: float = 0.4) -> WaterFilter:
+def initial_filter(speed_m_s: float = 0.4) -> WaterFilter:
     return begin(0.0, 0.0, 0.0, speed_m_s, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
 
 
 class Boat:
-    """A boat in a current, and the filter that takes its headings and noisy positions."""
+    """A boat in a current, and a filter with its headings and noisy positions as input."""
 
     def __init__(self, speed_m_s, current_m_s, leeway_rad=0.0, seed=1, speed_sd_m_s=0.05, state=None):
-        self.state = begun() if state is None else state
+        self.state = initial_filter() if state is None else state
         self.speed_m_s, self.current_m_s, self.leeway_rad = speed_m_s, current_m_s, leeway_rad
-        self.numbers, self.speed_sd_m_s = np.random.default_rng(seed), speed_sd_m_s
-        self.t_s, self.off_m_s, self.since_s, self.place_m = 0.0, 0.0, 0.0, [0.0, 0.0]
-        self.verdict, self.strong_s = NO_VERDICT, math.nan
+        self.rng, self.speed_sd_m_s = np.random.default_rng(seed), speed_sd_m_s
+        self.t_s, self.deviation_m_s, self.since_s, self.position_m = 0.0, 0.0, 0.0, [0.0, 0.0]
+        self.verdict, self.too_strong_s = NO_VERDICT, math.nan
 
-    def sail(self, heading_rad, duration_s, step_s=5.0, fix_s=5.0, known=True, jump_m=0.0):
-        keep = math.exp(-step_s / 30.0)
+    def sail(self, heading_rad, duration_s, step_s=5.0, fix_s=5.0, is_heading_known=True, jump_m=0.0):
+        decay = math.exp(-step_s / 30.0)
         for _ in range(round(duration_s / step_s)):
-            kick = self.speed_sd_m_s * math.sqrt(1.0 - keep * keep)
-            self.off_m_s = keep * self.off_m_s + kick * float(self.numbers.standard_normal())
-            way_rad, speed_m_s = heading_rad + self.leeway_rad, self.speed_m_s + self.off_m_s
-            self.place_m[0] += step_s * (speed_m_s * math.cos(way_rad) + self.current_m_s[0])
-            self.place_m[1] += step_s * (speed_m_s * math.sin(way_rad) + self.current_m_s[1])
+            kick = self.speed_sd_m_s * math.sqrt(1.0 - decay * decay)
+            self.deviation_m_s = decay * self.deviation_m_s + kick * float(self.rng.standard_normal())
+            course_rad, speed_m_s = heading_rad + self.leeway_rad, self.speed_m_s + self.deviation_m_s
+            self.position_m[0] += step_s * (speed_m_s * math.cos(course_rad) + self.current_m_s[0])
+            self.position_m[1] += step_s * (speed_m_s * math.sin(course_rad) + self.current_m_s[1])
             self.t_s, self.since_s = self.t_s + step_s, self.since_s + step_s
-            self.state = take_heading(self.state, heading_rad if known else math.nan, step_s)
+            self.state = take_heading(self.state, heading_rad if is_heading_known else math.nan, step_s)
             if self.since_s >= fix_s - 1e-9:
                 self.since_s = 0.0
-                seen = [place + jump_m + 0.3 * float(self.numbers.standard_normal()) for place in self.place_m]
-                self.state = correct(self.state, self.t_s, *seen)
+                measured_m = [m + jump_m + 0.3 * float(self.rng.standard_normal()) for m in self.position_m]
+                self.state = correct(self.state, self.t_s, *measured_m)
             self.verdict = judge_current(self.verdict, self.state, self.water, self.t_s)
-            if self.verdict.too_strong and math.isnan(self.strong_s):
-                self.strong_s = self.t_s
+            if self.verdict.too_strong and math.isnan(self.too_strong_s):
+                self.too_strong_s = self.t_s
         return self
 
-    def square(self, legs, leg_s=600.0, **how):
+    def sail_square(self, legs, leg_s=600.0, **options):
         for leg in range(legs):
-            self.sail(SQUARE[leg % 4], leg_s, **how)
+            self.sail(SQUARE[leg % 4], leg_s, **options)
         return self
 
     @property
@@ -80,27 +80,24 @@ class Boat:
         return water_at(self.state, self.t_s)
 
     @property
-    def place_m2(self):
+    def north_variance_m2(self):
         """Return the variance of the position to the north."""
         return self.state.covariances[0, NORTH, NORTH]
 
     @property
-    def off_in_sds(self):
+    def normalised_errors(self):
         """Return the errors of current north and east, mean speed and sideways speed, in standard deviations."""
-        w, true = self.water, (self.current_m_s, self.speed_m_s)
-        p = w.covariance
-        return [
-            (w.current_north_m_s - true[0][0]) / math.sqrt(p[0]),
-            (w.current_east_m_s - true[0][1]) / math.sqrt(p[4]),
-            (w.mean_speed_m_s - true[1] * math.cos(self.leeway_rad)) / math.sqrt(p[7]),
-            (w.sideways_m_s - true[1] * math.sin(self.leeway_rad)) / math.sqrt(p[9]),
-        ]
+        w, speed_m_s = self.water, self.speed_m_s
+        estimates = (w.current_north_m_s, w.current_east_m_s, w.mean_speed_m_s, w.sideways_m_s)
+        true = (*self.current_m_s, speed_m_s * math.cos(self.leeway_rad), speed_m_s * math.sin(self.leeway_rad))
+        variances = (w.covariance[place] for place in (0, 4, 7, 9))
+        return [(value - exact) / math.sqrt(p) for value, exact, p in zip(estimates, true, variances, strict=True)]
 
 
 @cache
 def after_a_square():
     """Return a boat after a square; do not modify it."""
-    return Boat(0.5, (0.15, -0.15)).square(4)
+    return Boat(0.5, (0.15, -0.15)).sail_square(4)
 
 
 @pytest.fixture
@@ -115,8 +112,8 @@ def boat():
 )
 def test_turns_separate_speed_current_and_leeway(speed_m_s, current_m_s, leeway_deg):
     boat = Boat(speed_m_s, current_m_s, math.radians(leeway_deg), speed_sd_m_s=0.1 * speed_m_s)
-    boat.square(8, step_s=10.0, fix_s=10.0)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    boat.sail_square(8, step_s=10.0, fix_s=10.0)
+    assert max(map(abs, boat.normalised_errors)) < 3.0
     assert boat.water.current_sd_m_s < 0.05
     assert boat.water.mean_speed_sd_m_s < 0.08
     assert abs(boat.water.leeway_rad - math.radians(leeway_deg)) < 3.0 * boat.water.leeway_sd_rad
@@ -131,113 +128,115 @@ def test_on_one_heading_only_the_sum_of_speed_and_current_is_observable():
     nn, _, nu, _, _, _, _, uu, _, _ = water.covariance
     assert math.sqrt(nn + uu + 2.0 * nu) < 0.05
     assert min(math.sqrt(nn), water.mean_speed_sd_m_s) > 0.15
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
 
 
-def test_over_many_passages_the_errors_match_their_standard_deviations():
+def test_errors_match_their_standard_deviations_over_many_passages():
     boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(8)]
-    ends = [boat.square(4, step_s=10.0, fix_s=10.0).off_in_sds for boat in boats]
-    assert 0.1 < np.mean(np.square(ends)) < 1.5
+    errors = [boat.sail_square(4, step_s=10.0, fix_s=10.0).normalised_errors for boat in boats]
+    assert 0.1 < np.mean(np.square(errors)) < 1.5
 
 
 @pytest.mark.parametrize(("step_s", "fix_s"), [(0.5, 0.5), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
-def test_any_rate_of_positions_is_sufficient(step_s, fix_s):
-    boat = Boat(0.5, (0.15, -0.15)).square(4, step_s=step_s, fix_s=fix_s)
-    assert max(map(abs, boat.off_in_sds)) < 3.5
+def test_estimate_is_accurate_at_any_interval_of_positions(step_s, fix_s):
+    boat = Boat(0.5, (0.15, -0.15)).sail_square(4, step_s=step_s, fix_s=fix_s)
+    assert max(map(abs, boat.normalised_errors)) < 3.5
     assert boat.water.current_sd_m_s < 0.08
 
 
-def test_a_gap_of_ten_minutes_leaves_the_water_uncertain_but_right(boat):
-    before = boat.water.current_sd_m_s
+def test_gap_of_10_min_raises_the_standard_deviation(boat):
+    sd_m_s = boat.water.current_sd_m_s
     boat.sail(0.5, 600.0, fix_s=601.0)
-    assert before < boat.water.current_sd_m_s < 0.1
+    assert sd_m_s < boat.water.current_sd_m_s < 0.1
     boat.sail(0.5, 60.0)
     assert math.isnan(boat.state.refused_t_s)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
 
 
-def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain(boat):
-    before, sd_m_s, place_m2 = boat.water, boat.water.current_sd_m_s, boat.place_m2
-    boat.sail(2.0, 900.0, known=False)
-    after = boat.water
-    assert (after.mean_speed_m_s, after.sideways_m_s) == (before.mean_speed_m_s, before.sideways_m_s)
-    assert (after.current_north_m_s, after.current_east_m_s) == (before.current_north_m_s, before.current_east_m_s)
-    assert after.current_sd_m_s > sd_m_s
-    place = boat.place_m
-    assert math.dist(boat.state.means[0, NORTH:], place) < 3.0
-    boat.state = correct(boat.state, boat.t_s + 600.0, *place)
-    assert boat.place_m2 < 10.0 + place_m2
+def test_without_a_heading_speed_and_current_stay_and_the_position_is_uncertain(boat):
+    previous, sd_m_s, north_variance_m2 = boat.water, boat.water.current_sd_m_s, boat.north_variance_m2
+    boat.sail(2.0, 900.0, is_heading_known=False)
+    estimate = boat.water
+    assert (estimate.mean_speed_m_s, estimate.sideways_m_s) == (previous.mean_speed_m_s, previous.sideways_m_s)
+    assert (estimate.current_north_m_s, estimate.current_east_m_s) == (
+        previous.current_north_m_s,
+        previous.current_east_m_s,
+    )
+    assert estimate.current_sd_m_s > sd_m_s
+    position_m = boat.position_m
+    assert math.dist(boat.state.means[0, NORTH:], position_m) < 3.0
+    boat.state = correct(boat.state, boat.t_s + 600.0, *position_m)
+    assert boat.north_variance_m2 < 10.0 + north_variance_m2
     boat.t_s += 600.0
     boat.sail(0.5, 600.0)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
 
 
 @pytest.mark.parametrize(
-    ("jump_m", "jump_s", "times", "rejected"),
+    ("jump_m", "jump_s", "count", "is_rejected"),
     [(200.0, 5.0, 20, True), (3.0, 120.0, 3, False), (8.0, 120.0, 3, False), (12.0, 120.0, 3, False)],
 )
-def test_a_short_jump_hardly_changes_the_estimate(boat, jump_m, jump_s, times, rejected):
-    for _ in range(times):
+def test_short_jumps_hardly_change_the_estimate(boat, jump_m, jump_s, count, is_rejected):
+    for _ in range(count):
         boat.sail(0.5, jump_s, jump_m=jump_m)
-        assert math.isnan(boat.state.refused_t_s) is not rejected
-        boat.sail(0.5, 20.0 if rejected else 120.0)
+        assert math.isnan(boat.state.refused_t_s) is not is_rejected
+        boat.sail(0.5, 20.0 if is_rejected else 120.0)
         assert math.isnan(boat.state.refused_t_s)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
 
 
-def test_a_lasting_jump_restarts_the_position_and_keeps_the_water(boat):
+def test_lasting_jump_restarts_the_position_and_keeps_speed_and_current(boat):
     boat.sail(0.5, REJECTION_TIME_S, jump_m=500.0)
-    assert boat.state.means[0, NORTH] < boat.place_m[0] + 100.0
+    assert boat.state.means[0, NORTH] < boat.position_m[0] + 100.0
     boat.sail(0.5, 60.0, jump_m=500.0)
-    assert abs(boat.state.means[0, NORTH] - boat.place_m[0] - 500.0) < 5.0
+    assert abs(boat.state.means[0, NORTH] - boat.position_m[0] - 500.0) < 5.0
     boat.sail(0.5, 600.0, jump_m=500.0)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
 
 
-def test_another_origin_changes_nothing_but_the_position():
-    boat = Boat(0.5, (0.15, -0.15)).square(3)
+def test_moved_origin_changes_only_the_position():
+    boat = Boat(0.5, (0.15, -0.15)).sail_square(3)
     moved = with_moved_origin(boat.state, 1000.0, -500.0)
     assert water_at(moved, boat.t_s) == boat.water
-    one = correct(take_heading(boat.state, 0.1, 5.0), boat.t_s + 5.0, 700.0, 20.0)
-    other = correct(take_heading(moved, 0.1, 5.0), boat.t_s + 5.0, -300.0, 520.0)
-    assert flat(water_at(other, boat.t_s)) == pytest.approx(flat(water_at(one, boat.t_s)), abs=1e-9)
+    expected = correct(take_heading(boat.state, 0.1, 5.0), boat.t_s + 5.0, 700.0, 20.0)
+    result = correct(take_heading(moved, 0.1, 5.0), boat.t_s + 5.0, -300.0, 520.0)
+    assert flatten(water_at(result, boat.t_s)) == pytest.approx(flatten(water_at(expected, boat.t_s)), abs=1e-9)
 
 
-def test_a_stored_current_is_known_from_the_first_position_on():
+def test_stored_current_is_used_from_the_first_position_on():
     stored = begin(0.0, 0.0, 0.0, 0.5, 0.03, 0.15, -0.15, 0.02, 0.0, 0.02)
     boat = Boat(0.5, (0.15, -0.15), state=stored).sail(0.5, 600.0)
-    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert max(map(abs, boat.normalised_errors)) < 3.0
     assert boat.water.current_sd_m_s < 0.03
 
 
-def test_the_current_is_too_strong_only_where_it_exceeds_the_speed():
-    assert math.isnan(Boat(0.5, (0.2, -0.2), speed_sd_m_s=0.2).square(8, 900.0, step_s=2.5).strong_s)
-    boat = Boat(0.5, (0.7, 0.4), speed_sd_m_s=0.1).square(4, 900.0, step_s=2.5)
-    assert 900.0 < boat.strong_s < 900.0 + 3.0 * DECISION_TIME_S  # not separable before the first turn
+def test_current_is_too_strong_only_if_it_exceeds_the_speed():
+    assert math.isnan(Boat(0.5, (0.2, -0.2), speed_sd_m_s=0.2).sail_square(8, 900.0, step_s=2.5).too_strong_s)
+    boat = Boat(0.5, (0.7, 0.4), speed_sd_m_s=0.1).sail_square(4, 900.0, step_s=2.5)
+    assert 900.0 < boat.too_strong_s < 900.0 + 3.0 * DECISION_TIME_S  # not observable before the first turn
     boat.speed_m_s, boat.current_m_s = 1.5, (0.2, 0.0)
-    boat.square(4, 900.0, step_s=2.5)
+    boat.sail_square(4, 900.0, step_s=2.5)
     assert boat.verdict.too_strong == 0.0
 
 
-def test_the_verdict_is_kept_without_positions():
-    boat = Boat(0.5, (0.7, 0.4)).square(4, 900.0, step_s=2.5)
-    assert (
-        judge_current(boat.verdict, boat.state, water_at(boat.state, boat.t_s + 1e4), boat.t_s + 1e4).too_strong == 1.0
-    )
+def test_verdict_is_constant_without_positions():
+    boat = Boat(0.5, (0.7, 0.4)).sail_square(4, 900.0, step_s=2.5)
+    later_s = boat.t_s + 1e4
+    assert judge_current(boat.verdict, boat.state, water_at(boat.state, later_s), later_s).too_strong == 1.0
 
 
-def test_the_current_excess_uses_the_covariance_on_one_heading():
+def test_current_excess_on_one_heading_has_a_large_standard_deviation():
     boat = Boat(0.5, (0.9, 0.0)).sail(0.0, 3600.0)
     excess_m_s, sd_m_s = current_excess(boat.water)
     assert abs(excess_m_s - 0.4) < 3.0 * sd_m_s
     assert sd_m_s > 0.2
 
 
-def test_the_error_of_dead_reckoning_is_consistent():
-    off_in_sds = []
+def test_errors_of_dead_reckoning_match_their_standard_deviation():
+    errors = []
     for seed in range(5):
-        boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).square(4, step_s=10.0, fix_s=10.0)
-        dead_reckoning, begun_m = begin_dead_reckoning(boat.state, boat.t_s), list(boat.place_m)
+        boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).sail_square(4, step_s=10.0, fix_s=10.0)
+        dead_reckoning, start_m = begin_dead_reckoning(boat.state, boat.t_s), list(boat.position_m)
         north_m = east_m = 0.0
         for heading_rad in (0.0, 1.0, 2.5):
             boat.sail(heading_rad, 600.0, fix_s=1e9)
@@ -246,31 +245,31 @@ def test_the_error_of_dead_reckoning_is_consistent():
                 north_m, east_m = north_m + 10.0 * north_m_s, east_m + 10.0 * east_m_s
         sd_m = dead_reckoning_sd(dead_reckoning, 1800.0)
         assert 5.0 < sd_m < 250.0
-        off_in_sds += [(begun_m[i] + (north_m, east_m)[i] - boat.place_m[i]) / sd_m for i in (0, 1)]
-    assert np.mean(np.square(off_in_sds)) < 1.5
+        errors += [(start_m[i] + (north_m, east_m)[i] - boat.position_m[i]) / sd_m for i in (0, 1)]
+    assert np.mean(np.square(errors)) < 1.5
 
 
 def test_dead_reckoning_without_a_heading_follows_the_current():
-    boat = Boat(0.5, (0.15, -0.1)).square(4)
+    boat = Boat(0.5, (0.15, -0.1)).sail_square(4)
     dead_reckoning = begin_dead_reckoning(boat.state, boat.t_s)
     blind, north_m_s, east_m_s = advance_dead_reckoning(dead_reckoning, math.nan, 600.0)
     assert (north_m_s, east_m_s) == (dead_reckoning.current_north_m_s, dead_reckoning.current_east_m_s)
     assert dead_reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
 
 
-def test_the_heading_from_the_track_is_consistent():
-    boat, off_in_sds = Boat(0.5, (0.2, -0.2), 0.2, speed_sd_m_s=0.1).square(4), []
+def test_heading_from_the_track_matches_its_standard_deviation():
+    boat, errors = Boat(0.5, (0.2, -0.2), 0.2, speed_sd_m_s=0.1).sail_square(4), []
     for number in range(60):
-        before, heading_rad = list(boat.place_m), 0.1 * number
+        start_m, heading_rad = list(boat.position_m), 0.1 * number
         boat.sail(heading_rad, 30.0)
-        north_m, east_m = (boat.place_m[i] - before[i] + 0.4 * float(boat.numbers.standard_normal()) for i in (0, 1))
-        found_rad, sd_rad = heading_from_track(boat.state, boat.t_s, north_m, east_m, 30.0)
-        off_in_sds.append(math.remainder(found_rad - heading_rad, 2.0 * math.pi) / sd_rad)
-    assert 0.1 < np.mean(np.square(off_in_sds)) < 1.5
+        north_m, east_m = (boat.position_m[i] - start_m[i] + 0.4 * float(boat.rng.standard_normal()) for i in (0, 1))
+        result_rad, sd_rad = heading_from_track(boat.state, boat.t_s, north_m, east_m, 30.0)
+        errors.append(math.remainder(result_rad - heading_rad, 2.0 * math.pi) / sd_rad)
+    assert 0.1 < np.mean(np.square(errors)) < 1.5
 
 
-def test_an_unusable_track_gives_no_heading():
-    boat = Boat(0.5, (0.0, 0.0)).square(4)
+def test_unusable_track_gives_no_heading():
+    boat = Boat(0.5, (0.0, 0.0)).sail_square(4)
     for track in ((0.0, 0.0, 30.0), (300.0, 0.0, 30.0), (math.nan, 0.0, 30.0), (9.0, 9.0, 0.0)):
         assert all(map(math.isnan, heading_from_track(boat.state, boat.t_s, *track))), track
 
@@ -288,15 +287,15 @@ STEPS = st.lists(
 )
 
 
-def flat(value):
-    many = isinstance(value, (tuple, np.ndarray))
-    return [number for part in value for number in flat(part)] if many else [value]
+def flatten(value):
+    is_sequence = isinstance(value, (tuple, np.ndarray))
+    return [number for item in value for number in flatten(item)] if is_sequence else [value]
 
 
 @settings(max_examples=25)
 @given(STEPS)
-def test_no_input_makes_the_state_infinite(steps):
-    state, t_s, verdict = begun(), 0.0, NO_VERDICT
+def test_state_stays_finite_with_any_input(steps):
+    state, t_s, verdict = initial_filter(), 0.0, NO_VERDICT
     for heading_rad, step_s, north_m, east_m in steps:
         t_s += step_s if 0.0 < step_s < 1e6 else 0.0
         state = take_heading(state, heading_rad, step_s)
@@ -304,15 +303,15 @@ def test_no_input_makes_the_state_infinite(steps):
         water = water_at(state, t_s)
         verdict = judge_current(verdict, state, water, t_s)
         dead_reckoning, _, _ = advance_dead_reckoning(begin_dead_reckoning(state, t_s), heading_rad, 10.0)
-        assert all(map(math.isfinite, flat((state.means, state.covariances, state.levels, state.information))))
-        assert all(map(math.isfinite, flat(water)))
+        assert all(map(math.isfinite, flatten((state.means, state.covariances, state.levels, state.information))))
+        assert all(map(math.isfinite, flatten(water)))
         assert math.isfinite(dead_reckoning_sd(dead_reckoning, 10.0))
         heading_from_track(state, t_s, north_m, east_m, step_s)
 
 
 @compiled
 def follow(heading_rad, north_m, east_m, out):
-    """Run the filter and its results over a recording with a sample each second."""
+    """Compute the filter and its results for a recording with a sample each second."""
     state = water_filter.begin(0.0, north_m[0], east_m[0], 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
     verdict = water_results.CurrentVerdict(math.nan, 0.0, 0.0, math.nan, math.nan, 0.0)
     for number in range(1, heading_rad.size):
@@ -337,25 +336,25 @@ def follow(heading_rad, north_m, east_m, out):
 
 
 @pytest.mark.proof  # the suite compares the water filter in the closed loop (tests/process/test_twin.py)
-def test_plain_and_compiled_agree_to_the_last_bit():
-    numbers, seconds = np.random.default_rng(3), 4000
-    heading_rad = np.repeat(numbers.uniform(-4.0, 4.0, seconds // 200 + 1), 200)[:seconds]
-    heading_rad += 0.1 * numbers.standard_normal(seconds)
-    north_m = np.cumsum(0.5 * np.cos(heading_rad) + 0.4) + numbers.standard_normal(seconds)
-    east_m = np.cumsum(0.5 * np.sin(heading_rad) - 0.4) + numbers.standard_normal(seconds)
+def test_interpreted_and_compiled_results_are_equal_to_the_last_bit():
+    rng, seconds = np.random.default_rng(3), 4000
+    heading_rad = np.repeat(rng.uniform(-4.0, 4.0, seconds // 200 + 1), 200)[:seconds]
+    heading_rad += 0.1 * rng.standard_normal(seconds)
+    north_m = np.cumsum(0.5 * np.cos(heading_rad) + 0.4) + rng.standard_normal(seconds)
+    east_m = np.cumsum(0.5 * np.sin(heading_rad) - 0.4) + rng.standard_normal(seconds)
     heading_rad[1000:1100], north_m[1500:2000], north_m[2500:], east_m[::97] = math.nan, math.nan, 900.0, 1e4
-    fast, plain = np.zeros((seconds, 16)), np.zeros((seconds, 16))
-    follow(heading_rad, north_m, east_m, fast)
-    follow.py_func(*(Column(column) for column in (heading_rad, north_m, east_m)), plain)
-    assert np.array_equal(fast, plain, equal_nan=True)
-    assert np.isfinite(fast).any()
+    compiled_rows, plain_rows = np.zeros((seconds, 16)), np.zeros((seconds, 16))
+    follow(heading_rad, north_m, east_m, compiled_rows)
+    follow.py_func(*(Column(column) for column in (heading_rad, north_m, east_m)), plain_rows)
+    assert np.array_equal(compiled_rows, plain_rows, equal_nan=True)
+    assert np.isfinite(compiled_rows).any()
 
 
 class Column:
     """A column of numbers, each a float of Python."""
 
     def __init__(self, numbers):
-        self.numbers, self.size = numbers.tolist(), numbers.size
+        self.rng, self.size = numbers.tolist(), numbers.size
 
     def __getitem__(self, number):
-        return self.numbers[number]
+        return self.rng[number]

@@ -32,7 +32,7 @@ from hil.lab.numeric_core import (
     water_filter,
     water_results,
 )
-from support.heading_recording import Sea, learned_rows, recorded
+from support.heading_recording import Sea, draw_recording, filter_rows
 
 EDGES = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, math.pi, -math.pi, math.nextafter(math.pi, 0.0)),
@@ -128,7 +128,7 @@ def sail(settings, limits, model, goal_rad, seen_rad, offset_rad, gain_reduction
         known = HeadingEstimate(heading_rad, 2e-5, rate_rad_s, bias_rad, 0.5 * bias_rad, 0.4, 0.02)
         error_rad = angles.wrap_pi(goal_rad[tick] - heading_rad)
         state, demand_rad = law.steer(settings, state, known, error_rad, command, STEP_S, gain_reduction[tick])
-        command = rudder_limit.limited_command(limits, command, demand_rad, STEP_S)
+        command = rudder_limit.limit_command(limits, command, demand_rad, STEP_S)
         command_rad[tick] = command
         for _ in range(2):
             psi, r = kt.rk4_step(
@@ -187,16 +187,16 @@ def test_a_long_closed_loop_agrees_to_the_last_bit(seed):
 
 def filters_agree(seed: int, seconds: float) -> None:
     """Filter a recording plain and compiled: with outliers, gaps, late headings, a restart and an unknown rudder."""
-    t_s, compass_rad, rudder_rad, _ = (column.copy() for column in recorded(Sea(), seed, seconds))
+    t_s, compass_rad, rudder_rad, _ = (column.copy() for column in draw_recording(Sea(), seed, seconds))
     n = t_s.size
     compass_rad[n // 3 : n // 3 + 40] += 2.0
     compass_rad[n // 7], rudder_rad[n // 2 : n // 2 + 60] = math.nan, math.nan
     t_s[n // 5 :] += 30.0
     t_s[n // 4 : n // 4 + 2] -= 1.2
     t_s[-n // 8 :] += 700.0
-    fast = learned_rows(t_s, compass_rad, rudder_rad, kt.OCEAN_RAMBLER)
+    fast = filter_rows(t_s, compass_rad, rudder_rad, kt.OCEAN_RAMBLER)
     columns = (Column(t_s), Column(compass_rad), Column(rudder_rad))
-    assert bits(learned_rows.py_func(*columns, kt.OCEAN_RAMBLER)) == bits(fast)
+    assert bits(filter_rows.py_func(*columns, kt.OCEAN_RAMBLER)) == bits(fast)
     assert fast[0].begun_s > 700.0
 
 
