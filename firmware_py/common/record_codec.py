@@ -61,10 +61,17 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "PositionState": {"reckoning": "dead_reckoning"},
     "ResponseState": {
         "felt_rad": "rudder_rad",
-        "lacks_other_rad": "lacks_disturbance_rad",
+        "beyond_rad": "residual_rad",
+        "lacks_disturbance_rad": "disturbance_deficit_rad",
+        "lacks_other_rad": "disturbance_deficit_rad",
+        "lacks_rad": "heading_deficit_rad",
         "other_rad": "disturbance_rad",
     },
-    "SteeringLossState": {"missing": "lost", "other_variance": "disturbance_variance"},
+    "SteeringLossState": {
+        "missing": "lost",
+        "other_variance": "disturbance_variance",
+        "wander": "disturbance_power_rad2",
+    },
     "SteeringMonitorState": {"answer": "loss", "wrong_way": "reversal"},
     "SupervisorState": {"coming_round": "convergence"},
     "TrafficState": {

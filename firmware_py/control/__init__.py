@@ -1,1 +1,1 @@
-"""From a heading error to a rudder angle."""
+"""Heading control: from a heading error to a rudder angle."""

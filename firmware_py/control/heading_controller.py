@@ -1,6 +1,6 @@
-"""Heading controllers that CTL_MODE chooses: from a heading error to a rudder demand.
+"""Heading controllers for each value of CTL_MODE: from a heading error to a rudder demand.
 
-The arithmetic is in law.py. A new controller is its law, a function here, one row of TABLE, and one value of the
+The calculation is in law.py. A new controller needs its law, a function here, a row of TABLE, and a value of the
 parameter CTL_MODE; its state is a field of `LawState`.
 """
 
@@ -21,9 +21,9 @@ from firmware_py.model.heading_estimate import HeadingEstimate
 class HeadingControllerInput(msgspec.Struct, frozen=True):
     """Input of a controller in a tick.
 
-    `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it is limited to half a
-    turn. `estimate` is None while only the fixed-gain observer is available. `command_rad` is the rudder command of the
-    tick before, `gain_reduction` the gain reduction, 1 or more.
+    `error_rad` is the goal minus the heading, positive to starboard; in a turn of more than half a circle it is limited
+    to pi. `estimate` is None while only the fixed-gain observer is available. `command_rad` is the rudder command of
+    the previous tick, `gain_reduction` the divisor of the gain, 1 or more.
     """
 
     error_rad: float
@@ -35,18 +35,18 @@ class HeadingControllerInput(msgspec.Struct, frozen=True):
 
 
 Controller = Callable[[LawState, HeadingControllerInput], tuple[LawState, float | None]]
-"""A controller with its settings: returns its state and the rudder demand [rad], None when it cannot steer."""
+"""A controller with its settings: returns its state and the rudder demand [rad], or None if it cannot steer."""
 
 
 def steer_by_fixed_gains(gains: Gains, _state: LawState, inputs: HeadingControllerInput) -> tuple[LawState, float]:
-    """Return the rudder demand [rad] of fixed gains, which keep no state."""
+    """Return the rudder demand [rad] of the fixed gains, which have no state."""
     return IDLE, law.s_surface(gains, inputs.error_rad, inputs.yaw_rate_rad_s)
 
 
 def steer_by_schedule(
     settings: LawSettings, state: LawState, inputs: HeadingControllerInput
 ) -> tuple[LawState, float | None]:
-    """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
+    """Return the state and the rudder demand [rad] of the scheduled law; None without an estimate."""
     if inputs.estimate is None:
         return IDLE, None
     return law.steer(
@@ -62,15 +62,15 @@ TABLE: Final[Mapping[int, Callable[[ParameterSet], Controller]]] = {
 
 
 class HeadingControllerSettings(msgspec.Struct, frozen=True):
-    """The controller that steers, and the fixed gains that replace it when it cannot."""
+    """The chosen controller, and the fixed gains that replace it if it cannot steer."""
 
     controller: Controller
-    stand_in: Gains
+    fallback: Gains
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingControllerSettings:
         """Read the settings from the parameters."""
-        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=Gains.of(parameters))
+        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), fallback=Gains.of(parameters))
 
 
 def update(
@@ -78,4 +78,4 @@ def update(
 ) -> tuple[LawState, float]:
     """Return the state and the rudder demand [rad]; the fixed gains replace a controller that cannot steer."""
     state, demand_rad = settings.controller(state, inputs)
-    return steer_by_fixed_gains(settings.stand_in, state, inputs) if demand_rad is None else (state, demand_rad)
+    return steer_by_fixed_gains(settings.fallback, state, inputs) if demand_rad is None else (state, demand_rad)

@@ -1,6 +1,6 @@
-"""Limit, slew and deadband between a rudder demand and the rudder command, and the linkage to the servo.
+"""Angle limit, rate limit and deadband from the rudder demand to the rudder command; linkage to the servo.
 
-Numeric core, as law.py beside it.
+Numeric core, like law.py.
 """
 
 from __future__ import annotations
@@ -30,24 +30,23 @@ class RudderLimits(NamedTuple):
         )
 
 
-def limited_command(limits: RudderLimits, command_rad: float, demand_rad: float, step_s: float) -> float:
+def limit_command(limits: RudderLimits, command_rad: float, demand_rad: float, step_s: float) -> float:
     """Return the next rudder command from the present one and the demand.
 
-    A demand nearer to the command than the deadband changes nothing; a demand that is not
-    a number changes nothing either.
+    The command stays the same if the demand is within the deadband, or NaN.
     """
-    if demand_rad != demand_rad:  # noqa: PLR0124 - the one value that differs from itself is NaN
+    if demand_rad != demand_rad:  # noqa: PLR0124 - only NaN differs from itself
         return command_rad
     target_rad = clamp(demand_rad, -limits.limit_rad, limits.limit_rad)
     change_rad = target_rad - command_rad
     if abs(change_rad) < limits.deadband_rad:
         return clamp(command_rad, -limits.limit_rad, limits.limit_rad)
-    reach_rad = limits.slew_rad_s * step_s
-    return command_rad + clamp(change_rad, -reach_rad, reach_rad)
+    max_step_rad = limits.slew_rad_s * step_s
+    return command_rad + clamp(change_rad, -max_step_rad, max_step_rad)
 
 
 class Linkage(NamedTuple):
-    """Linkage of the servo's shaft to the rudder: the shaft angle amidships, and the sign of rotation."""
+    """Linkage of servo shaft and rudder: shaft angle at rudder angle 0, and sign of rotation."""
 
     centre_rad: float
     sign: float
@@ -58,9 +57,9 @@ class Linkage(NamedTuple):
         return cls(centre_rad=radians(parameters["RUD_CENTRE_DEG"]), sign=-1.0 if parameters["RUD_REVERSE"] else 1.0)
 
     def to_shaft(self, rudder_rad: float) -> float:
-        """Convert a rudder angle to the angle of the shaft."""
+        """Convert a rudder angle to the shaft angle."""
         return self.centre_rad + self.sign * rudder_rad
 
     def to_rudder(self, shaft_rad: float) -> float:
-        """Convert an angle of the shaft to the rudder angle."""
+        """Convert a shaft angle to the rudder angle."""
         return self.sign * (shaft_rad - self.centre_rad)

@@ -1,1 +1,1 @@
-"""K-T model of the boat, the velocity triangle, and the estimate that the control law takes; shared with the HIL."""
+"""K-T model, velocity triangle and input of the control law; also used by the HIL."""

@@ -1,4 +1,4 @@
-"""The estimate that the control law takes. Numeric core, as kt.py beside it."""
+"""Input of the control law. Numeric core, like kt.py."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 
 class HeadingEstimate(NamedTuple):
-    """Input of the control law: heading and yaw rate without wave-frequency yaw, and the boat's response.
+    """Input of the control law: heading and yaw rate without wave yaw, rudder bias and speed.
 
-    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` its mean over minutes, `speed_m_s`
-    the mean speed through the water, `correction_rad2_s` the variance per second by which measurements correct the
-    heading; `_sd_`: standard deviation.
+    `bias_rad` is the rudder angle at which the boat goes straight, `bias_mean_rad` its mean over minutes, `speed_m_s`
+    the mean speed through the water and `speed_sd_m_s` its standard deviation, `correction_rad2_s` the variance per
+    second by which measurements correct the heading.
     """
 
     heading_rad: float

@@ -1,13 +1,13 @@
-"""The K-T equation of heading (first-order Nomoto with Norrbin's cubic term).
+"""K-T equation of the heading (first-order Nomoto model with Norrbin's cubic term).
 
     T * dr/dt + r + alpha * r^3 = K * (delta - delta0)        dpsi/dt = r
 
-Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. Numeric core: functions over
-floats, which the laboratory compiles as they stand (hil/lab/numeric_core.py).
+Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. Numeric core: functions over floats,
+which the laboratory compiles unchanged (hil/lab/numeric_core.py).
 
-Two steps lead from one moment to the next. The autopilot's parts take `exact_step`, which solves the
-equation with the cubic term held (`held_cubic`): stable however long the step is. The plant takes
-`rk4_step`, which shares no error with it.
+There are two ways to advance the state by a step. The autopilot uses `exact_step`, the exact solution with the cubic
+term constant during the step (`held_cubic`), which is stable for any step. The plant uses `rk4_step`, so that both have
+no common error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class KtModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> KtModel:
-        """Read the model from the parameters; its rudder offset is for the trim and the estimate to find."""
+        """Read the model from the parameters; the rudder offset is 0, because it is estimated."""
         return cls(
             turning_ability_1_s=parameters["MDL_K"],
             turning_lag_s=parameters["MDL_T_S"],
@@ -45,16 +45,16 @@ class KtModel(NamedTuple):
         return KtModel(ability_1_s, lag_s, norrbin_s2, self.rudder_offset_rad, speed_m_s)
 
 
-MAX_CUBIC = 1e9  # alpha r^2 of a yaw rate beyond all bounds
+MAX_CUBIC = 1e9  # limit of alpha r^2 for extreme yaw rates
 
-# Identified in the tank at 0.4 m/s by the paper.
+# Identified by the authors of the paper in a tank at 0.4 m/s.
 OCEAN_RAMBLER = KtModel(
     turning_ability_1_s=0.049, turning_lag_s=4.0, norrbin_s2=17.0, rudder_offset_rad=0.0, speed_m_s=0.4
 )
 
 
 def scaled(model: KtModel, ratio: float) -> tuple[float, float, float]:
-    """Return K, T and alpha at a multiple of the model's speed, by similarity (paper eq. 7)."""
+    """Return K, T and alpha at `ratio` times the model's speed, by similarity (paper eq. 7)."""
     return model.turning_ability_1_s * ratio, model.turning_lag_s / ratio, model.norrbin_s2 / (ratio * ratio)
 
 
@@ -82,10 +82,10 @@ def yaw_acceleration(
 
 
 def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float) -> float:
-    """Solve r + alpha r^3 = K delta for r [rad/s] by Newton's method from the linear solution.
+    """Solve r + alpha r^3 = K delta for r [rad/s] by Newton's method, starting from the linear solution.
 
-    The left side is monotonic and odd for alpha >= 0, and Newton from the linear
-    solution, which lies beyond the root, converges without overshoot.
+    The left side is monotonic and odd for alpha >= 0, and the linear solution is larger than the root in size, so the
+    method converges without overshoot.
     """
     drive_rad_s = turning_ability_1_s * rudder_rad
     rate_rad_s = drive_rad_s
@@ -101,18 +101,18 @@ def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: f
 
 
 def decay_over(step_s: float, turning_lag_s: float) -> float:
-    """Return exp(-step / T), the share of the difference from the steady yaw rate that remains after a step."""
+    """Return exp(-step / T), the ratio of a difference from the steady yaw rate that remains after a step."""
     return math.exp(-step_s / turning_lag_s)
 
 
 def held_cubic(
     turning_lag_s: float, norrbin_s2: float, yaw_rate_rad_s: float, step_s: float
 ) -> tuple[float, float, float]:
-    """Return the cubic term held over a step: a divisor of K, T and drive, the term per yaw rate, and its slope.
+    """Return the cubic term for a step: divisor of K, T and drive; term divided by the yaw rate; its derivative.
 
-    Held at its present value, alpha r^3 makes a step unstable where its slope 3 alpha r^2 is large and the step long.
-    There it is linearised: (1 + 3 alpha r0^2) r - 2 alpha r0^3, whose exact solution is stable for any step, and tends
-    to the steady yaw rate as Newton's method does.
+    The term alpha r^3 is constant during the step, unless that would be unstable because its derivative 3 alpha r^2 is
+    large and the step long. Then it is linearised: (1 + 3 alpha r0^2) r - 2 alpha r0^3. The exact solution of this is
+    stable for any step, and converges to the steady yaw rate like Newton's method.
     """
     cubic, decay = norrbin_s2 * yaw_rate_rad_s * yaw_rate_rad_s, decay_over(step_s, turning_lag_s)
     if 3.0 * cubic * (1.0 - decay) <= 1.0 + decay:
@@ -122,7 +122,7 @@ def held_cubic(
 
 
 def settled_yaw_rate(yaw_rate_rad_s: float, steady_rad_s: float, decay: float) -> float:
-    """Return the yaw rate after a step in which it tends to a steady one; decay is `decay_over` the step."""
+    """Return the yaw rate after a step in which it approaches the steady one; `decay` is `decay_over` of the step."""
     return steady_rad_s + (yaw_rate_rad_s - steady_rad_s) * decay
 
 
@@ -131,8 +131,7 @@ def exact_step(
 ) -> tuple[float, float]:
     """Return the angle turned in a step and the yaw rate after it, by the exact solution of the linear equation.
 
-    steady_rad_s is the yaw rate that it tends to: K (delta - delta0), less alpha r^3 where the
-    cubic term is counted in.
+    `steady_rad_s` is the steady yaw rate: K (delta - delta0), minus alpha r^3 if the cubic term is used.
     """
     turned_rad = steady_rad_s * step_s + (yaw_rate_rad_s - steady_rad_s) * turning_lag_s * (1.0 - decay)
     return turned_rad, settled_yaw_rate(yaw_rate_rad_s, steady_rad_s, decay)
@@ -148,21 +147,20 @@ def rk4_step(
     norrbin_s2: float,
     rudder_offset_rad: float,
 ) -> tuple[float, float]:
-    """Advance (heading, yaw rate) by one fourth-order Runge-Kutta step at constant rudder.
+    """Advance heading and yaw rate by one fourth-order Runge-Kutta step at a constant rudder angle.
 
-    The caller keeps step_s well below the turning lag, and smaller still when
-    alpha r^2 is large, which makes the time constant short.
+    `step_s` must be much smaller than the turning lag divided by 1 + 3 alpha r^2.
     """
-    share = step_s / turning_lag_s
+    ratio = step_s / turning_lag_s
     r1 = yaw_rate_rad_s
     d1 = yaw_drive(r1, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
-    r2 = yaw_rate_rad_s + 0.5 * share * d1
+    r2 = yaw_rate_rad_s + 0.5 * ratio * d1
     d2 = yaw_drive(r2, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
-    r3 = yaw_rate_rad_s + 0.5 * share * d2
+    r3 = yaw_rate_rad_s + 0.5 * ratio * d2
     d3 = yaw_drive(r3, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
-    r4 = yaw_rate_rad_s + share * d3
+    r4 = yaw_rate_rad_s + ratio * d3
     d4 = yaw_drive(r4, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
     return (
         heading_rad + step_s / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4),
-        yaw_rate_rad_s + share / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4),
+        yaw_rate_rad_s + ratio / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4),
     )

@@ -1,7 +1,7 @@
-"""Detect a heading that does not converge: the rudder at its limit for minutes while the error does not decrease.
+"""Detect a heading that does not converge: the rudder is at its limit for minutes and the error does not decrease.
 
-Whether the boat responds to the rudder is tested by steering_monitor.py. With weed on the blade, in wind or in a tow,
-all of the rudder may be needed to keep the heading: the boat responds, and does not converge.
+With weed on the rudder, in wind or in tow, the boat may respond to its rudder but not reach the goal. The response is
+tested by steering_monitor.py.
 
 Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
@@ -13,14 +13,14 @@ from typing import Final, NamedTuple
 
 from firmware_py.common.angles import radians
 
-LIMIT_SHARE: Final = 0.95  # of the rudder limit
+LIMIT_SHARE: Final = 0.95  # share of the rudder limit from which on the rudder is at its limit
 MIN_ERROR_RAD: Final = radians(15.0)
-DECREASE_RAD: Final = radians(5.0)
+MIN_DECREASE_RAD: Final = radians(5.0)  # of the error, which restarts the time
 DETECTION_TIME_S: Final = 300.0
 
 
 class ConvergenceState(NamedTuple):
-    """Begin of the time at the rudder limit (NaN: none), heading error then, and the verdict."""
+    """Start of the time at the rudder limit (NaN: not at the limit), heading error at the start, and the verdict."""
 
     since_s: float = math.nan
     error_rad: float = 0.0
@@ -33,13 +33,13 @@ IDLE: Final = ConvergenceState()
 def update(
     state: ConvergenceState, error_rad: float, rudder_rad: float, limit_rad: float, now_s: float
 ) -> ConvergenceState:
-    """Return the state after a tick; an error of NaN: the boat does not steer for a heading."""
+    """Return the state after a tick; `error_rad` is NaN while the boat does not steer to a heading."""
     if not rudder_rad * error_rad > 0.0:
         return IDLE
     error_rad = abs(error_rad)
     if error_rad < MIN_ERROR_RAD or abs(rudder_rad) < LIMIT_SHARE * limit_rad:
         return IDLE
-    if math.isnan(state.since_s) or error_rad < state.error_rad - DECREASE_RAD:
+    if math.isnan(state.since_s) or error_rad < state.error_rad - MIN_DECREASE_RAD:
         return ConvergenceState(now_s, error_rad, False)
     if now_s - state.since_s < DETECTION_TIME_S:
         return state

@@ -12,15 +12,15 @@ from firmware_py.common.records import RudderStatus
 from firmware_py.common.reports import Energy
 
 WINDOW_S: Final = 3600.0  # time constant of the values per hour
-REVERSAL_RAD: Final = radians(0.5)  # a smaller movement the other way is no reversal
-LONGEST_GAP_S: Final = 2.0  # between two servo feedbacks; the energy in a longer gap is not counted
+MIN_REVERSAL_RAD: Final = radians(0.5)  # a smaller movement in the opposite direction is no reversal
+MAX_GAP_S: Final = 2.0  # between two servo feedbacks; the energy in a longer gap is not counted
 
 
 class EnergyMeterState(msgspec.Struct, frozen=True):
-    """The sums since start, those of about the last hour, and the last turning point of the rudder.
+    """Sums since the start, sums with a memory of WINDOW_S (`recent_`), and the last turning point of the rudder.
 
-    `extreme_rad` is the farthest angle in the present direction, `direction` the sign of that. `power_w` is the servo's
-    newest power, `power_s` its time.
+    `extreme_rad` is the largest angle in the present `direction` (1 or -1; 0: no movement yet). `power_w` is the newest
+    power of the servo, `power_s` its time.
     """
 
     travel_rad: float = 0.0
@@ -37,24 +37,24 @@ class EnergyMeterState(msgspec.Struct, frozen=True):
 
 
 def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> EnergyMeterState:
-    """Return the state after a tick, with its rudder angle and the power of a new servo feedback."""
+    """Return the state after a tick, updated with the rudder angle and the power of a new servo feedback."""
     angle_rad = rudder.angle_rad
-    before_rad = angle_rad if state.angle_rad is None else state.angle_rad
-    moved_rad = abs(angle_rad - before_rad)
-    extreme_rad, direction, reversed_now = _turning_point(state, angle_rad)
-    keep = math.exp(-step_s / WINDOW_S)
+    previous_rad = angle_rad if state.angle_rad is None else state.angle_rad
+    moved_rad = abs(angle_rad - previous_rad)
+    extreme_rad, direction, reversals = _turning_point(state, angle_rad)
+    decay = math.exp(-step_s / WINDOW_S)
     energy_j, power_w, power_s = state.energy_j, state.power_w, state.power_s
     if rudder.is_new and rudder.feedback_s is not None and rudder.power_w is not None:
-        if power_s is not None and 0.0 < rudder.feedback_s - power_s <= LONGEST_GAP_S:
+        if power_s is not None and 0.0 < rudder.feedback_s - power_s <= MAX_GAP_S:
             energy_j += rudder.power_w * (rudder.feedback_s - power_s)
         power_s, power_w = rudder.feedback_s, rudder.power_w
     return EnergyMeterState(
         state.travel_rad + moved_rad,
-        state.reversals + reversed_now,
+        state.reversals + reversals,
         energy_j,
-        keep * state.recent_s + step_s,
-        keep * state.recent_rad + moved_rad,
-        keep * state.recent_reversals + reversed_now,
+        decay * state.recent_s + step_s,
+        decay * state.recent_rad + moved_rad,
+        decay * state.recent_reversals + reversals,
         angle_rad,
         extreme_rad,
         direction,
@@ -64,19 +64,19 @@ def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> Ener
 
 
 def _turning_point(state: EnergyMeterState, angle_rad: float) -> tuple[float, int, int]:
-    """Return the farthest angle in the present direction, that direction, and 1 if it has just been reversed."""
+    """Return the largest angle in the present direction, that direction, and 1 if the rudder has just reversed."""
     if state.angle_rad is None:
         return angle_rad, 0, 0
-    from_rad, direction = state.extreme_rad, state.direction
-    if direction * (angle_rad - from_rad) > 0.0:
+    extreme_rad, direction = state.extreme_rad, state.direction
+    if direction * (angle_rad - extreme_rad) > 0.0:
         return angle_rad, direction, 0
-    if abs(angle_rad - from_rad) < REVERSAL_RAD:
-        return from_rad, direction, 0
-    return angle_rad, 1 if angle_rad > from_rad else -1, int(direction != 0)
+    if abs(angle_rad - extreme_rad) < MIN_REVERSAL_RAD:
+        return extreme_rad, direction, 0
+    return angle_rad, 1 if angle_rad > extreme_rad else -1, int(direction != 0)
 
 
-def report(state: EnergyMeterState, *, resting: bool) -> Energy:
-    """Return the report for log and link; `resting`: the torque of the servo is released."""
+def report(state: EnergyMeterState, *, is_torque_released: bool) -> Energy:
+    """Return the report for log and link."""
     per_hour = WINDOW_S / state.recent_s if state.recent_s > 0.0 else 0.0
     return Energy(
         state.travel_rad,
@@ -85,5 +85,5 @@ def report(state: EnergyMeterState, *, resting: bool) -> Energy:
         state.recent_rad * per_hour,
         state.recent_reversals * per_hour,
         state.power_w,
-        resting,
+        is_torque_released,
     )

@@ -1,12 +1,12 @@
-"""Failsafes: which fault decides the mode, and which mode it is. Pure.
+"""Failsafes: select the fault that decides the mode, and that mode. Pure functions.
 
-A fault whose parameter chooses a mode calls for that mode while it is set and the boat is armed. It acts in a mode in
+A fault whose parameter chooses a mode requests that mode while it is active and the boat is armed. It acts in a mode in
 which the autopilot steers. In MANUAL only the loss of the ground station acts, and in a HOLD that the operator ordered
-none. In a mode that a failsafe chose, every fault acts.
+no fault acts. In a mode that a failsafe has chosen, every fault acts.
 
-Of the faults that act, the first in the order of precedence decides; the others wait until it has cleared. It takes the
-best possible mode of its ladder, and a better one once that becomes possible. A later intent of the operator overrules
-all faults that are set; each of them acts again only after it has cleared.
+Of the faults that act, the first in the order of precedence decides until it has cleared. It enters the first possible
+mode of its ladder, and a better one once that becomes possible. A later intent of the operator overrules all active
+faults; each of them acts again only after it has cleared.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from firmware_py.faults.table import PRECEDENCE, TABLE, Fault
 
 
 class FailsafeState(msgspec.Struct, frozen=True):
-    """The faults of the last tick and those that call for a mode, as bits; the one that decides, and its mode."""
+    """Active faults of the last tick and those that request a mode, as bits; the fault that decides, and its mode."""
 
     active: int = 0
     calling: int = 0
@@ -31,14 +31,14 @@ class FailsafeState(msgspec.Struct, frozen=True):
 
 
 class FailsafeInput(msgspec.Struct, frozen=True):
-    """Inputs of a decision; `overruled`: the operator has decided in this tick."""
+    """Inputs of a decision; `overruled`: an intent of the operator has overruled the failsafes in this tick."""
 
     active: int
     mode: Mode
     by_failsafe: bool
     armed: bool
     overruled: bool
-    modes: Mapping[Fault, Mode | None]  # of the faults whose parameters choose; None: alert only
+    modes: Mapping[Fault, Mode | None]  # by the parameters of the faults; None: alert only
     possible: Callable[[Mode], bool]
     resume: bool
 
@@ -53,7 +53,7 @@ class Decision(msgspec.Struct, frozen=True):
 
 NO_DECISION = Decision()
 
-# Faults that may act, as bits, by the source of the rudder command.
+# Faults that may act, as bits, for each source of the rudder command.
 _ACTING: Mapping[RudderBy, int] = {
     RudderBy.NOTHING: 0,
     RudderBy.STICK: sum(1 << fault for fault, row in TABLE.items() if row.acts_in_manual),
@@ -65,15 +65,15 @@ def decide(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, 
     """Return the state and the decision of a tick."""
     if not inputs.active and not state.active:
         return state, NO_DECISION
-    overruled = inputs.overruled or not inputs.armed or (state.mode is not None and inputs.mode is not state.mode)
-    if overruled:
+    is_overruled = inputs.overruled or not inputs.armed or (state.mode is not None and inputs.mode is not state.mode)
+    if is_overruled:
         state = FailsafeState(active=state.active)
-    # A fault whose parameter has been set to "alert only" meanwhile no longer calls for a mode.
+    # A fault whose parameter has since been set to "alert only" no longer requests a mode.
     modes = {fault: mode for fault, mode in inputs.modes.items() if mode is not None}
-    choosable = inputs.active & sum(1 << fault for fault in modes)
-    calling = state.calling & choosable
+    requestable = inputs.active & sum(1 << fault for fault in modes)
+    calling = state.calling & requestable
     if inputs.armed:
-        calling |= choosable & ~state.active
+        calling |= requestable & ~state.active
     state = replace(state, active=inputs.active, calling=calling)
     acting = calling & _ACTING[RudderBy.HEADING if inputs.by_failsafe else MODES[inputs.mode].rudder_by]
     fault = next((fault for fault in PRECEDENCE if acting >> fault & 1), None)
@@ -92,12 +92,12 @@ def decide(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, 
 
 
 def _end(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, Decision]:
-    """Resume the interrupted mode, or keep the present one, once no fault calls for a mode."""
+    """Return the decision if no fault acts: an ended failsafe resumes the interrupted mode or keeps the present one."""
     if state.fault is None:
         return state, NO_DECISION
-    resumes = inputs.resume or TABLE[state.fault].always_resumes
+    has_to_resume = inputs.resume or TABLE[state.fault].always_resumes
     state = FailsafeState(active=state.active, calling=state.calling)
-    if resumes:
+    if has_to_resume:
         return state, Decision(resume=True)
     return state, Decision(
         events=(Event(Severity.NOTICE, f"Failsafe ended: {inputs.mode.name} stays until a mode is set"),)

@@ -3,14 +3,15 @@
 Two conditions together are a limit cycle:
 
 * The boat responds late to its rudder: the evidence of the delay test (estimate/delay_test.py) has reached
-  DETECTION_EVIDENCE. In a limit cycle, rudder and heading error alone show the control law and not the cause.
-* The heading error changes sides, and the half cycle counts: the error exceeds the uncertainty of the heading, the
-  rudder followed it to the same side, the goal did not turn in it, and it is longer than that of the waves.
-  It counts up to its peak.
+  DETECTION_EVIDENCE. It is needed because in a limit cycle the rudder follows the heading error by the control law,
+  whatever the cause.
+* The heading error changes its sign, and the half cycle counts: the error exceeds the uncertainty of the heading, the
+  rudder is to the same side, the goal did not turn, and the half cycle is longer than those of the waves. It is
+  evaluated up to its peak.
 
-A detection reduces the gain by a step and clears the evidence. Where the gain is reduced already, a limit cycle takes
-two half cycles in a row, because a turn may overshoot once. Once the limit cycle has ended, the reduction is held for a
-while and then decays over tens of minutes. If the limit cycle returns soon, it is held twice as long.
+A detection reduces the gain by a step and clears the evidence. If the gain is already reduced, a detection needs two
+successive half cycles, because a turn may overshoot once. After the end of the limit cycle the reduction is constant
+for a time (`hold_s`), and then decays over tens of minutes. If the limit cycle returns soon, that time is doubled.
 
 Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
@@ -23,29 +24,29 @@ from typing import Final, NamedTuple
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.model.kt import KtModel
 
-# Of the evidence, the logarithm of a likelihood ratio. In 32 minutes of turns it reached 28 at most without a delay, in
-# slow boats whose speed is not well known, and 31 to 448 with one of 12 s (docs/explanation/monitors.md).
+# Limits of the evidence, a log-likelihood ratio. In 32 minutes of turns its maximum was 28 without a delay, in slow
+# boats whose speed is not well known, and 31 to 448 with a delay of 12 s (docs/explanation/monitors.md).
 DETECTION_EVIDENCE, MAX_EVIDENCE = 25.0, 50.0
 MIN_ERROR_RAD: Final = radians(1.5)
-MIN_ERROR_SD: Final = 2.0  # of the heading's standard deviation
-MIN_RUDDER_RAD: Final = radians(2.0)  # well beyond the deadband
-RETURN_SHARE: Final = 0.2  # of the minimum error, by which the error has to be on the other side
-MIN_LAGS: Final = 1.5  # length of a half cycle, by the turning lag of the model
-MIN_WAVE_PERIODS: Final = 0.75
+MIN_ERROR_SD: Final = 2.0  # in standard deviations of the heading
+MIN_RUDDER_RAD: Final = radians(2.0)  # larger than the deadband
+RETURN_SHARE: Final = 0.2  # share of the minimum error that the error must have on the other side
+MIN_LAGS: Final = 1.5  # of a half cycle, in turning lags of the model
+MIN_WAVE_PERIODS: Final = 0.75  # of a half cycle
 REDUCTION_STEP: Final = 8.0
-MAX_REDUCTION: Final = 16.0  # where 8 was not enough; with more, a turn takes too long
-HALF_CYCLES_PER_PEAK: Final = 2.0  # length of a half cycle by the time to its peak
-QUIET_HALF_CYCLES: Final = 1.5  # half cycles without one that counts, which end the limit cycle
-WAIT_HALF_CYCLES: Final = 2.0  # half cycles after a step before the next
+MAX_REDUCTION: Final = 16.0  # second step; with a larger reduction a turn takes too long
+HALF_CYCLES_PER_PEAK: Final = 2.0  # length of a half cycle divided by the time to its peak
+QUIET_HALF_CYCLES: Final = 1.5  # time without a half cycle that counts, which ends the limit cycle
+WAIT_HALF_CYCLES: Final = 2.0  # time from one step of the gain reduction to the next
 HOLD_S, MAX_HOLD_S = 600.0, 86_400.0
-REPEAT_HOLDS: Final = 8.0  # after the first hold: half an hour at full gain
-RELAX_S: Final = 1200.0  # by a factor of e
+REPEAT_HOLDS: Final = 8.0  # a limit cycle within this number of hold times has returned soon
+RELAX_S: Final = 1200.0  # time constant of the decay
 
 
 class OscillationInput(NamedTuple):
-    """Heading error and goal of a tick, NaN while the boat does not steer for a heading, and the rudder command.
+    """Heading error and goal of a tick (NaN while the boat does not steer to a heading), and the rudder command.
 
-    `trim_rad` is the mean rudder bias. `delay_log_ratio` is that of the delay test in this tick.
+    `trim_rad` is the mean rudder bias, `delay_log_ratio` the log-likelihood ratio of the delay test in this tick.
     """
 
     error_rad: float
@@ -59,10 +60,10 @@ class OscillationInput(NamedTuple):
 
 
 class HalfCycle(NamedTuple):
-    """A stretch of the error on one side (1: starboard, -1: port, 0: none under way).
+    """Half cycle in progress: the error has one sign (`side` 1: starboard, -1: port, 0: no half cycle).
 
-    `peak_rad` and `rudder_rad` are the largest to that side. `is_turn`: the goal has turned. `counts`: it has counted.
-    `follows`: so has the one before.
+    `peak_rad` and `rudder_rad`: largest error and rudder angle to that side. `is_turn`: the goal has turned. `counts`:
+    the half cycle counts for a limit cycle. `follows`: the previous one counted.
     """
 
     begun_s: float = 0.0
@@ -79,10 +80,10 @@ NO_HALF: Final = HalfCycle()
 
 
 class OscillationState(NamedTuple):
-    """Half cycle under way, length of the last that counted, evidence of a delay, and the gain reduction.
+    """Half cycle in progress, length of the last one that counted, evidence of a delay, and gain reduction.
 
-    `gain_reduction` is held for `hold_s` after `last_cycle_s`, when the last half cycle of a limit cycle was seen.
-    `reduced_s`: time of the last step. `goal_rad` and `updated_s`: of the last tick.
+    `gain_reduction` is constant for `hold_s` after `last_cycle_s`, the time of the last half cycle of a limit cycle.
+    `reduced_s`: time of the last step. `goal_rad`, `updated_s`: goal and time of the last tick.
     """
 
     half: HalfCycle = NO_HALF
@@ -110,23 +111,23 @@ def update(model: KtModel, state: OscillationState, inputs: OscillationInput, no
             state.last_cycle_s, state.reduced_s, now_s,
         )  # fmt: skip
     if half.side == 0.0:
-        first = HalfCycle(now_s, 1.0 if error_rad >= 0.0 else -1.0, goal_rad, 0.0, -math.pi, True, False, False)
-        return with_half(state, first, goal_rad)
-    beyond_rad = error_rad * half.side
-    if beyond_rad <= -RETURN_SHARE * max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
-        jumped = abs(wrap_pi(goal_rad - state.goal_rad)) > MIN_ERROR_RAD
-        following = HalfCycle(now_s, -half.side, goal_rad, 0.0, -math.pi, jumped, False, half.counts)
-        return with_half(state, following, goal_rad)
+        half = HalfCycle(now_s, 1.0 if error_rad >= 0.0 else -1.0, goal_rad, 0.0, -math.pi, True, False, False)
+        return with_half(state, half, goal_rad)
+    peak_rad = error_rad * half.side
+    if peak_rad <= -RETURN_SHARE * max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
+        has_goal_changed = abs(wrap_pi(goal_rad - state.goal_rad)) > MIN_ERROR_RAD
+        next_half = HalfCycle(now_s, -half.side, goal_rad, 0.0, -math.pi, has_goal_changed, False, half.counts)
+        return with_half(state, next_half, goal_rad)
     rudder_rad = max(half.rudder_rad, (inputs.rudder_rad - inputs.trim_rad) * half.side)
     is_turn = half.is_turn or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * MIN_ERROR_RAD
-    is_new_peak = beyond_rad > half.peak_rad and is_large(model, inputs, beyond_rad, now_s - half.begun_s)
-    counts = is_new_peak and rudder_rad >= MIN_RUDDER_RAD and not is_turn
+    is_new_peak = peak_rad > half.peak_rad and is_large(model, inputs, peak_rad, now_s - half.begun_s)
+    is_counted = is_new_peak and rudder_rad >= MIN_RUDDER_RAD and not is_turn
     half = HalfCycle(
-        half.begun_s, half.side, half.goal_rad, max(half.peak_rad, beyond_rad), rudder_rad, is_turn,
-        half.counts or counts, half.follows,
+        half.begun_s, half.side, half.goal_rad, max(half.peak_rad, peak_rad), rudder_rad, is_turn,
+        half.counts or is_counted, half.follows,
     )  # fmt: skip
     state = with_half(state, half, goal_rad)
-    if not counts:
+    if not is_counted:
         return state
     if state.evidence >= DETECTION_EVIDENCE and (half.follows or state.gain_reduction < REDUCTION_STEP):
         return with_reduced_gain(state, half, now_s)
@@ -152,13 +153,13 @@ def with_half(state: OscillationState, half: HalfCycle, goal_rad: float) -> Osci
 
 
 def with_reduced_gain(state: OscillationState, half: HalfCycle, now_s: float) -> OscillationState:
-    """Return the state in a limit cycle, with the gain reduced by a step if the last step had time to act."""
+    """Return the state in a limit cycle, with the gain reduced by a step if the last step has had time to act."""
     hold_s = state.hold_s
     if state.gain_reduction == MAX_REDUCTION or half.begun_s - state.reduced_s <= WAIT_HALF_CYCLES * state.length_s:
         return with_cycle(state, state.evidence, state.gain_reduction, hold_s, state.reduced_s, now_s)
     if not state.oscillating:
-        again = now_s - state.last_cycle_s < REPEAT_HOLDS * hold_s
-        hold_s = min(2.0 * hold_s, MAX_HOLD_S) if again else HOLD_S
+        has_returned = now_s - state.last_cycle_s < REPEAT_HOLDS * hold_s
+        hold_s = min(2.0 * hold_s, MAX_HOLD_S) if has_returned else HOLD_S
     gain_reduction = REDUCTION_STEP if state.gain_reduction < REDUCTION_STEP else MAX_REDUCTION
     return with_cycle(state, 0.0, gain_reduction, hold_s, now_s, now_s)
 
@@ -166,7 +167,7 @@ def with_reduced_gain(state: OscillationState, half: HalfCycle, now_s: float) ->
 def with_cycle(
     state: OscillationState, evidence: float, gain_reduction: float, hold_s: float, reduced_s: float, now_s: float
 ) -> OscillationState:
-    """Return the state with the half cycle under way as the last of a limit cycle."""
+    """Return the state with the half cycle in progress as the last one of a limit cycle."""
     length_s = HALF_CYCLES_PER_PEAK * (now_s - state.half.begun_s)
     return OscillationState(
         state.half, state.goal_rad, length_s, evidence, True, gain_reduction, hold_s, now_s, reduced_s, state.updated_s,
@@ -174,7 +175,7 @@ def with_cycle(
 
 
 def with_relaxation(state: OscillationState, evidence: float, now_s: float) -> OscillationState:
-    """Return the state with a limit cycle that has not been seen for a while ended, and the gain rising after it."""
+    """Return the state in which a limit cycle ends if no half cycle counts, and the gain reduction decays after it."""
     gain_reduction, oscillating = state.gain_reduction, state.oscillating
     if gain_reduction != 1.0 or oscillating:
         step_s = 0.0 if math.isnan(state.updated_s) else clamp(now_s - state.updated_s, 0.0, 1.0)

@@ -1,11 +1,11 @@
-"""State of battery and panels, combined from all power monitors and chargers, and the energy that has flowed.
+"""State of battery and panels from all power monitors and chargers, and energies.
 
-A monitor measures the whole current of the battery, a charger only its own. So voltage and current of the battery are
-those of the first monitor, that of the boat before that of another component; without a monitor, those of a charger
-with the loads on its load output. The power of the panels is the output of the chargers; that of the loads is the same
-less the power into the battery.
+A monitor measures the total current of the battery, a charger only its own. So voltage and current of the battery are
+those of the first monitor (a monitor of the boat comes before that of another component) or, without a monitor, those
+of a charger that also supplies the loads. The power of the panels is the output of the chargers. The power of the loads
+is that minus the power into the battery.
 
-Energy is the integral of power over the time between samples; the time for which the power is known is counted, too.
+Energy is the integral of power over the time between samples; `measured_s` is the time for which the power is known.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from msgspec.structs import replace
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Flow, Power
 
-FRESH_S: Final = 15.0  # another component may send only once in 5 s
+MAX_AGE_S: Final = 15.0  # of a sample; another component may send only once in 5 s
 COMPANION: Final = 2  # PowerSample.source of another MAVLink component
 Samples = tuple[PowerSample | None, PowerSample | None, PowerSample | None]
 
 
 class PowerMonitorState(msgspec.Struct, frozen=True):
-    """Newest sample of each source, time of the newest one, and energies since the start."""
+    """Newest sample of each source, time of the newest of them, and energies since the start."""
 
     samples: Samples = (None, None, None)
     updated_s: float | None = None
@@ -36,7 +36,7 @@ class PowerMonitorState(msgspec.Struct, frozen=True):
 
 
 class Supply(msgspec.Struct, frozen=True):
-    """State of battery, panels and loads; None: not measured; a current into the battery is positive."""
+    """State of battery, panels and loads; None: not measured. A current into the battery is positive."""
 
     voltage_v: float | None = None
     current_a: float | None = None
@@ -56,71 +56,73 @@ class Supply(msgspec.Struct, frozen=True):
 UNKNOWN: Final = Supply()
 
 
-def supply(state: PowerMonitorState, now_s: float) -> Supply:
-    """Return the state of the supply from the samples of the last FRESH_S."""
+def read_supply(state: PowerMonitorState, now_s: float) -> Supply:
+    """Return the state of the supply from the samples of the last MAX_AGE_S."""
     if state.updated_s is None:
         return UNKNOWN
-    fresh = [one for one in state.samples if one is not None and now_s - one.t_s <= FRESH_S]
-    chargers = [one for one in fresh if one.solar_w is not None]
-    monitors = [one for one in fresh if one.solar_w is None]
-    voltage_v = _first(monitors, lambda one: one.voltage_v)
+    recent = [sample for sample in state.samples if sample is not None and now_s - sample.t_s <= MAX_AGE_S]
+    chargers = [sample for sample in recent if sample.solar_w is not None]
+    monitors = [sample for sample in recent if sample.solar_w is None]
+    voltage_v = _first_value(monitors, lambda sample: sample.voltage_v)
     if voltage_v is None:
-        voltage_v = _first(chargers, lambda one: one.voltage_v)
-    solar_w = _sum([_charger_output_w(one) for one in chargers])
-    output_w = _sum([_load_output_w(one) for one in chargers])
-    current_a, load_w = _first(monitors, lambda one: one.current_a), output_w
+        voltage_v = _first_value(chargers, lambda sample: sample.voltage_v)
+    solar_w = _sum([_charger_output_w(charger) for charger in chargers])
+    output_w = _sum([_load_output_w(charger) for charger in chargers])
+    current_a, load_w = _first_value(monitors, lambda sample: sample.current_a), output_w
     if current_a is not None and voltage_v is not None and solar_w is not None:
         load_w = solar_w - voltage_v * current_a
     elif current_a is None and output_w is not None:
-        current_a = _sum([one.current_a for one in chargers])
+        current_a = _sum([charger.current_a for charger in chargers])
     return Supply(
         voltage_v,
         current_a,
-        _first(monitors, lambda one: one.charge),
-        _first(monitors, lambda one: one.temperature_c),
+        _first_value(monitors, lambda sample: sample.charge),
+        _first_value(monitors, lambda sample: sample.temperature_c),
         solar_w,
         load_w,
     )
 
 
 def update(state: PowerMonitorState, samples: Sequence[PowerSample]) -> PowerMonitorState:
-    """Return the state after samples, in the order of their arrival, with the energies up to then."""
+    """Return the state after samples in the order of their arrival, with the energies integrated."""
     for sample in samples:
         newest: list[PowerSample | None] = list(state.samples)
         newest[sample.source] = sample
-        now_s, before_s = sample.t_s, state.updated_s
+        now_s, previous_s = sample.t_s, state.updated_s
         state = replace(state, samples=(newest[0], newest[1], newest[2]), updated_s=now_s)
-        if before_s is None or not 0.0 < now_s - before_s <= FRESH_S:
+        if previous_s is None or not 0.0 < now_s - previous_s <= MAX_AGE_S:
             continue
-        present, step_s = supply(state, now_s), now_s - before_s
-        battery_w = present.battery_w
+        supply, step_s = read_supply(state, now_s), now_s - previous_s
+        battery_w = supply.battery_w
         state = replace(
             state,
-            solar=_integrated(state.solar, present.solar_w, step_s),
-            load=_integrated(state.load, present.load_w, step_s),
-            charged=_integrated(state.charged, None if battery_w is None else max(0.0, battery_w), step_s),
-            discharged=_integrated(state.discharged, None if battery_w is None else max(0.0, -battery_w), step_s),
+            solar=_integrate(state.solar, supply.solar_w, step_s),
+            load=_integrate(state.load, supply.load_w, step_s),
+            charged=_integrate(state.charged, None if battery_w is None else max(0.0, battery_w), step_s),
+            discharged=_integrate(state.discharged, None if battery_w is None else max(0.0, -battery_w), step_s),
         )
     return state
 
 
-def has_silent_source(state: PowerMonitorState, now_s: float) -> bool:
-    """Return whether a source that has sent samples is silent."""
-    return state.updated_s is not None and any(one is not None and now_s - one.t_s > FRESH_S for one in state.samples)
+def has_outdated_source(state: PowerMonitorState, now_s: float) -> bool:
+    """Return whether a source has stopped sending samples."""
+    return state.updated_s is not None and any(
+        sample is not None and now_s - sample.t_s > MAX_AGE_S for sample in state.samples
+    )
 
 
 def report(state: PowerMonitorState, now_s: float) -> Power | None:
     """Return the report for log and link; None before the first sample."""
     if state.updated_s is None:
         return None
-    present = supply(state, now_s)
+    supply = read_supply(state, now_s)
     return Power(
-        present.voltage_v,
-        present.current_a,
-        present.charge,
-        present.temperature_c,
-        present.solar_w,
-        present.load_w,
+        supply.voltage_v,
+        supply.current_a,
+        supply.charge,
+        supply.temperature_c,
+        supply.solar_w,
+        supply.load_w,
         state.solar,
         state.load,
         state.charged,
@@ -128,12 +130,13 @@ def report(state: PowerMonitorState, now_s: float) -> Power | None:
     )
 
 
-def _integrated(flow: Flow, power_w: float | None, step_s: float) -> Flow:
+def _integrate(flow: Flow, power_w: float | None, step_s: float) -> Flow:
+    """Return the flow with the energy of a step added; unchanged if the power is not known."""
     return flow if power_w is None else Flow(flow.energy_j + power_w * step_s, flow.measured_s + step_s)
 
 
 def _charger_output_w(charger: PowerSample) -> float | None:
-    """Return the output of a charger from voltage and current; the power of its panels is rounded to whole watts."""
+    """Return the output power of a charger; from voltage and current if known, because its power has whole watts."""
     if charger.voltage_v is None or charger.current_a is None:
         return charger.solar_w
     return max(0.0, charger.voltage_v * (charger.current_a + (charger.load_a or 0.0)))
@@ -144,11 +147,11 @@ def _load_output_w(charger: PowerSample) -> float | None:
     return None if charger.voltage_v is None or charger.load_a is None else charger.voltage_v * charger.load_a
 
 
-def _first(samples: Sequence[PowerSample], read: Callable[[PowerSample], float | None]) -> float | None:
-    return next((value for one in samples if (value := read(one)) is not None), None)
+def _first_value(samples: Sequence[PowerSample], read: Callable[[PowerSample], float | None]) -> float | None:
+    return next((value for sample in samples if (value := read(sample)) is not None), None)
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
-    """Return the sum of values; None if one is not known or there is none."""
+    """Return the sum of the values; None if one of them is not known, or if there are no values."""
     known = [value for value in values if value is not None]
     return sum(known) if known and len(known) == len(values) else None

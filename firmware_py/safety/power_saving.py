@@ -1,4 +1,4 @@
-"""Power saving: which parameters replace those that were set while the battery is low."""
+"""Power saving: parameters that are replaced while the battery is low."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from firmware_py.faults.table import Fault
 
 
 class PowerSaving(IntEnum):
-    """Level of power saving; the mode at HEADING_ONLY is that of the failsafe (FS_BATT_ACT)."""
+    """Level of power saving; at HEADING_ONLY the failsafe of FS_BATT_ACT chooses the mode."""
 
     OFF = 0
     SAVING = 1
@@ -23,7 +23,7 @@ class PowerSaving(IntEnum):
 
 
 class BatteryLimits(msgspec.Struct, frozen=True):
-    """Charge (0 to 1) and voltage of the battery below which power is saved, and only the heading is kept; 0: never."""
+    """Battery charge (0 to 1) and voltage that begin power saving (`save_`) and heading only (`keep_`); 0: no limit."""
 
     save_charge: float
     save_v: float
@@ -41,7 +41,7 @@ class BatteryLimits(msgspec.Struct, frozen=True):
         )
 
 
-# Replaced values, from those that were set.
+# Values while power is saved, from the values that were set.
 _WHILE_SAVING: Final[Mapping[str, Callable[[ParameterSet], float]]] = {
     "CTL_PRICE": lambda values: min(values["CTL_PRICE"] * values["PWR_PRICE"], TABLE[INDEX["CTL_PRICE"]].maximum),
     "LOOP_RATE_HZ": lambda values: min(values["LOOP_RATE_HZ"], values["PWR_LOOP_HZ"]),
@@ -49,7 +49,7 @@ _WHILE_SAVING: Final[Mapping[str, Callable[[ParameterSet], float]]] = {
 
 
 def level_of(active: int) -> PowerSaving:
-    """Return the level of power saving while these faults (as bits) are set."""
+    """Return the level of power saving while these faults (as bits) are active."""
     if active >> Fault.BATTERY_CRITICAL & 1:
         return PowerSaving.HEADING_ONLY
     return PowerSaving.SAVING if active >> Fault.BATTERY_LOW & 1 else PowerSaving.OFF
@@ -57,10 +57,10 @@ def level_of(active: int) -> PowerSaving:
 
 @functools.lru_cache(maxsize=8)
 def parameters_in_force(parameters: ParameterSet, level: PowerSaving) -> ParameterSet:
-    """Return the parameters in force at a level of power saving."""
+    """Return the parameters that apply at a level of power saving."""
     if level is PowerSaving.OFF:
         return parameters
-    held = parameters
+    result = parameters
     for name, value in _WHILE_SAVING.items():
-        held = held.replaced(name, value(parameters))
-    return held
+        result = result.replaced(name, value(parameters))
+    return result

@@ -1,9 +1,9 @@
-"""Monitor of the rudder: does it follow its command, is it jammed, is the servo current too high.
+"""Rudder monitor: detects a rudder that deviates from its command or is jammed, and a servo current that is too high.
 
-The test is motion towards the command, not a model of the servo: a slow rudder is no fault, one that stands still is
-jammed, one that moves elsewhere deviates. A rudder that is jammed or draws too much current is relieved: the command
-follows the measured angle, so that the servo does not pull. At intervals it is tried again, for less time than a stall
-that damages the servo.
+The test is the motion towards the command, without a model of the servo. A slow rudder is no fault, a rudder that does
+not move is jammed, a rudder that moves in another direction deviates. A rudder that is jammed or has too high a current
+is relieved: its command follows the measured angle, so that the servo has no torque. At intervals the true command is
+tried again, for a shorter time than the stall that damages a servo.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import RudderStatus
 
 AT_COMMAND_RAD: Final = radians(3.0)  # tolerance of the angle at the command
-MOVED_RAD: Final = radians(0.5)  # six counts of a coarse encoder
-FREE_RAD: Final = radians(1.0)
-RESPONSE_S: Final = 1.5
-OVERLOAD_S: Final = 2.0
-RELIEF_S: Final = 10.0
-TRIAL_S: Final = 1.2
-WIGGLE_RAD: Final = radians(6.0)
+MIN_MOTION_RAD: Final = radians(0.5)  # six counts of a coarse encoder
+MIN_FREE_MOTION_RAD: Final = radians(1.0)  # motion after which a jammed rudder is free
+RESPONSE_S: Final = 1.5  # maximum time without motion, or without progress towards the command
+OVERLOAD_S: Final = 2.0  # time of a high current before the servo is overloaded
+RELIEF_S: Final = 10.0  # time before a trial
+TRIAL_S: Final = 1.2  # duration of a trial
+TRIAL_MOTION_RAD: Final = radians(6.0)  # movement in a trial of a rudder that is at its command
 
 
 class RudderMonitorSettings(msgspec.Struct, frozen=True):
@@ -40,11 +40,12 @@ class RudderMonitorSettings(msgspec.Struct, frozen=True):
 
 
 class RudderMonitorState(msgspec.Struct, frozen=True):
-    """Angle and time of the last progress towards the command and of the last motion, and the verdicts.
+    """Angle and time of the last progress towards the command and of the last motion, and the results.
 
-    `side`: side on which the command lies. `jammed_rad`: angle at which the rudder jammed. `high_current_s`: since when
-    the current is too high. `overloaded`: for OVERLOAD_S. `relieved_s`: when the rudder was last relieved, None: it is
-    not. `release_rad`: the command that does not load the servo.
+    `side`: direction to the command (1, -1; 0: at the command). `jammed_rad`: angle at which the rudder jammed, None:
+    it is not jammed. `high_current_s`: time since which the current is too high. `overloaded`: it has been too high for
+    OVERLOAD_S. `relieved_s`: time when the rudder was last relieved, None: it is not relieved. `release_rad`: command
+    without torque of the servo.
     """
 
     progress_rad: float | None = None
@@ -61,35 +62,36 @@ class RudderMonitorState(msgspec.Struct, frozen=True):
     release_rad: float | None = None
 
     @property
-    def jammed(self) -> bool:
-        """Whether the rudder stood still when it should have moved, and has not moved since."""
+    def is_jammed(self) -> bool:
+        """Whether the rudder did not move to its command, and has not moved since."""
         return self.jammed_rad is not None
 
-    def trial(self, now_s: float) -> bool:
-        """Return whether a relieved rudder is being tried at now_s."""
+    def is_in_trial(self, now_s: float) -> bool:
+        """Return whether a relieved rudder is tried at now_s."""
         return self.relieved_s is not None and now_s - self.relieved_s >= RELIEF_S
 
 
 def update(
-    settings: RudderMonitorSettings, state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool
+    settings: RudderMonitorSettings, state: RudderMonitorState, rudder: RudderStatus, *, is_engaged: bool
 ) -> RudderMonitorState:
-    """Return the state after a tick; `engaged`: the servo torque is on, as far as it is known."""
+    """Return the state after a tick; `is_engaged`: the servo torque is on, or not known to be off."""
     state = _judge_current(state, rudder, settings.current_limit_a)
     if rudder.is_new and rudder.measured:
-        state = _judge_motion(state, rudder, engaged=engaged)
-    if not (state.jammed or state.overloaded):
+        state = _judge_motion(state, rudder, is_engaged=is_engaged)
+    if not (state.is_jammed or state.overloaded):
         return state if state.relieved_s is None else replace(state, relieved_s=None)
     if state.relieved_s is None:
         return replace(state, relieved_s=rudder.t_s)
     if rudder.t_s - state.relieved_s < RELIEF_S + TRIAL_S:
         return state
-    # The trial is over: without too high a current in it, the overload has ended.
+    # The trial has ended: if the current was not too high in it, the overload has ended.
     if state.high_current_s is None:
         state = replace(state, overloaded=False)
-    return replace(state, relieved_s=rudder.t_s if state.jammed or state.overloaded else None)
+    return replace(state, relieved_s=rudder.t_s if state.is_jammed or state.overloaded else None)
 
 
 def _judge_current(state: RudderMonitorState, rudder: RudderStatus, limit_a: float) -> RudderMonitorState:
+    """Return the state after a check of the servo current."""
     if not rudder.is_new or rudder.current_a is None or not abs(rudder.current_a) > limit_a > 0.0:
         return state if state.high_current_s is None else replace(state, high_current_s=None)
     since_s = rudder.t_s if state.high_current_s is None else state.high_current_s
@@ -97,25 +99,26 @@ def _judge_current(state: RudderMonitorState, rudder: RudderStatus, limit_a: flo
     return replace(state, high_current_s=since_s, overloaded=overloaded)
 
 
-def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool) -> RudderMonitorState:
+def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, is_engaged: bool) -> RudderMonitorState:
+    """Return the state after a check of the motion, with a new measured angle."""
     t_s, angle_rad, jammed_rad = rudder.t_s, rudder.angle_rad, state.jammed_rad
-    if jammed_rad is not None and abs(angle_rad - jammed_rad) > FREE_RAD:
+    if jammed_rad is not None and abs(angle_rad - jammed_rad) > MIN_FREE_MOTION_RAD:
         jammed_rad = None
-    away_rad = rudder.command_rad - angle_rad
-    side = 0 if abs(away_rad) <= AT_COMMAND_RAD or not engaged else (1 if away_rad > 0.0 else -1)
+    deviation_rad = rudder.command_rad - angle_rad
+    side = 0 if abs(deviation_rad) <= AT_COMMAND_RAD or not is_engaged else (1 if deviation_rad > 0.0 else -1)
     motion_rad, motion_s = state.motion_rad, state.motion_s
-    if motion_rad is None or side != state.side or abs(angle_rad - motion_rad) >= MOVED_RAD:
+    if motion_rad is None or side != state.side or abs(angle_rad - motion_rad) >= MIN_MOTION_RAD:
         motion_rad, motion_s = angle_rad, t_s
     progress_rad, progress_s, deviating = state.progress_rad, state.progress_s, False
-    moved_rad = 0.0 if progress_rad is None else angle_rad - progress_rad
-    if progress_rad is None or side == 0 or side != state.side or side * moved_rad >= MOVED_RAD:
+    progress_made_rad = 0.0 if progress_rad is None else angle_rad - progress_rad
+    if progress_rad is None or side == 0 or side != state.side or side * progress_made_rad >= MIN_MOTION_RAD:
         progress_rad, progress_s = angle_rad, t_s
     else:
-        overdue = t_s - progress_s >= RESPONSE_S
-        still = t_s - motion_s >= RESPONSE_S
-        if overdue and still and jammed_rad is None:
+        is_overdue = t_s - progress_s >= RESPONSE_S
+        is_still = t_s - motion_s >= RESPONSE_S
+        if is_overdue and is_still and jammed_rad is None:
             jammed_rad = angle_rad
-        deviating = overdue and not still
+        deviating = is_overdue and not is_still
     return RudderMonitorState(
         progress_rad,
         progress_s,
@@ -128,28 +131,32 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
         state.high_current_s,
         state.overloaded,
         state.relieved_s,
-        _release_rad(state, rudder),
+        _next_release_rad(state, rudder),
     )
 
 
-def _release_rad(state: RudderMonitorState, rudder: RudderStatus) -> float:
-    """Return the measured angle or, while the rudder moves, half way from it to the command.
+def _next_release_rad(state: RudderMonitorState, rudder: RudderStatus) -> float:
+    """Return the measured angle or, while the rudder moves, the mean of it and the command.
 
-    The measured angle is older than the true one: a rudder commanded to it would oscillate.
+    The measured angle is late: with it as the command, a moving rudder would oscillate.
     """
-    angle_rad, before_rad, kept_rad = rudder.angle_rad, state.measured_rad, state.release_rad
-    if before_rad is None or abs(angle_rad - before_rad) >= MOVED_RAD:
+    angle_rad, previous_rad, previous_release_rad = rudder.angle_rad, state.measured_rad, state.release_rad
+    if previous_rad is None or abs(angle_rad - previous_rad) >= MIN_MOTION_RAD:
         return 0.5 * (rudder.command_rad + angle_rad)
-    return angle_rad if kept_rad is None or abs(angle_rad - kept_rad) >= MOVED_RAD else kept_rad
+    return (
+        angle_rad
+        if previous_release_rad is None or abs(angle_rad - previous_release_rad) >= MIN_MOTION_RAD
+        else previous_release_rad
+    )
 
 
 def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:
-    """Return the command that relieves the servo; in a trial, the true command or, if the rudder is there, a wiggle."""
+    """Return the command without torque of the servo; in a trial, the true command or a small movement."""
     measured_rad, release_rad = state.measured_rad, state.release_rad
     if state.relieved_s is None or measured_rad is None:
         return command_rad
-    if not state.trial(now_s):
+    if not state.is_in_trial(now_s):
         return measured_rad if release_rad is None else release_rad
     if abs(command_rad - measured_rad) > AT_COMMAND_RAD:
         return command_rad
-    return measured_rad - math.copysign(WIGGLE_RAD, measured_rad)
+    return measured_rad - math.copysign(TRIAL_MOTION_RAD, measured_rad)

@@ -1,4 +1,4 @@
-"""Supervisor of a tick: monitors of rudder and steering, failsafes, and the rudder without a heading."""
+"""Supervisor of a tick: monitors of rudder and steering, failsafes, and limit of the rudder without a heading."""
 
 from __future__ import annotations
 
@@ -23,23 +23,16 @@ from firmware_py.safety.oscillation import OscillationInput, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorState
 
-HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind need
+HARD_OVER_RAD: Final = radians(8.0)  # larger than any rudder angle for trim and wind
 HARD_OVER_S: Final = 30.0
-# An intent after which a failsafe that has acted is over.
-OVERRULING: Final[tuple[type[Intent], ...]] = (
-    Arm,
-    PauseMission,
-    SetMissionItem,
-    SetMode,
-    SteerHeading,
-    SteerPosition,
-)
+# Intents that end a failsafe.
+OVERRULING: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
 
 
 class SupervisorSettings(msgspec.Struct, frozen=True):
-    """Failsafe mode of each fault, whether the interrupted mode resumes after it, and limits of the faults.
+    """Settings of the monitors, failsafe mode of each fault, and limits of the faults.
 
-    `failsafe_modes`: of the faults with a parameter; None: alert only.
+    `failsafe_modes`: for the faults with a parameter; None: alert only. `resume`: the interrupted mode resumes.
     """
 
     rudder_monitor: RudderMonitorSettings
@@ -73,10 +66,11 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
 
 
 class SupervisorState(msgspec.Struct, frozen=True):
-    """State of the supervisor.
+    """States of the monitors and the failsafes.
 
-    `interrupted`: mode and goal before the failsafe. `left`: those that the failsafe chose, which stay without
-    FS_RESUME. `hard_over_s`: since when the rudder is far over without a heading. `kept_amidships`: that has ended.
+    `interrupted`: mode and goal before the failsafe. `left`: mode and goal of the failsafe, which stay after it without
+    FS_RESUME. `hard_over_s`: time since which the rudder is hard over without a heading. `kept_amidships`: the rudder
+    is centred, because it has been hard over for HARD_OVER_S.
     """
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
@@ -90,15 +84,15 @@ class SupervisorState(msgspec.Struct, frozen=True):
     kept_amidships: bool = False
 
     def mode_after_failsafe(self, *, resume: bool) -> ModeState | None:
-        """Return mode and goal after the failsafe that acts; None: none acts. `resume`: FS_RESUME."""
+        """Return mode and goal for after the active failsafe, or None without one; `resume`: FS_RESUME."""
         return self.interrupted if resume or self.left is None else self.left
 
 
 def update(
-    settings: SupervisorSettings, state: SupervisorState, rudder: RudderStatus, *, engaged: bool
+    settings: SupervisorSettings, state: SupervisorState, rudder: RudderStatus, *, is_engaged: bool
 ) -> SupervisorState:
-    """Update the rudder monitor; `engaged`: the servo torque is on, as far as it is known."""
-    monitor = rudder_monitor.update(settings.rudder_monitor, state.rudder_monitor, rudder, engaged=engaged)
+    """Update the rudder monitor; `is_engaged`: the servo torque is on, or not known to be off."""
+    monitor = rudder_monitor.update(settings.rudder_monitor, state.rudder_monitor, rudder, is_engaged=is_engaged)
     return state if monitor is state.rudder_monitor else replace(state, rudder_monitor=monitor)
 
 
@@ -135,7 +129,7 @@ def apply_failsafe(
     *,
     overruled: bool,
 ) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
-    """Return state and mode after the decision of the failsafes, and the events."""
+    """Return the state and the mode after the decision of the failsafes, and the events."""
     failsafe_input = FailsafeInput(
         active,
         modes.mode,
@@ -146,46 +140,47 @@ def apply_failsafe(
         lambda mode: not obstacle_to(mode, situation),
         settings.resume,
     )
-    before = state.failsafe
-    failsafe, decision = decide(before, failsafe_input)
-    if failsafe is before and decision.enter is None and not decision.resume:
+    previous = state.failsafe
+    failsafe, decision = decide(previous, failsafe_input)
+    if failsafe is previous and decision.enter is None and not decision.resume:
         return state, modes, ()
     if failsafe.fault is None:
         ended = replace(state, failsafe=failsafe, interrupted=None, left=None)
-        resumed = state.mode_after_failsafe(resume=settings.resume)
-        if decision.resume and resumed is not None:
-            return ended, *_resumed(modes, resumed, situation)
+        resumed_modes = state.mode_after_failsafe(resume=settings.resume)
+        if decision.resume and resumed_modes is not None:
+            return ended, *_resume(modes, resumed_modes, situation)
         return ended, modes, decision.events
     interrupted, left = state.interrupted, state.left
-    if before.fault is None or overruled:
+    if previous.fault is None or overruled:
         interrupted, left = modes, None
     if decision.enter is not None:
         entered, _ = enter(modes, decision.enter, situation)
         modes = entered if entered.mode is decision.enter else replace(modes, mode=decision.enter, goal=None)
         modes = replace(modes, by_failsafe=True)
-    if not TABLE[failsafe.fault].always_resumes and (failsafe.fault, failsafe.mode) != (before.fault, before.mode):
+    if not TABLE[failsafe.fault].always_resumes and (failsafe.fault, failsafe.mode) != (previous.fault, previous.mode):
         left = modes
     return replace(state, failsafe=failsafe, interrupted=interrupted, left=left), modes, decision.events
 
 
-def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
-    if before.mode is modes.mode:
-        stays = Event(Severity.NOTICE, f"Failsafe ended: {modes.mode.name} stays until a mode is set")
-        return replace(modes, by_failsafe=before.by_failsafe), (stays,) if before.by_failsafe else ()
+def _resume(modes: ModeState, interrupted: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
+    """Return the interrupted mode if it is possible, otherwise the present one, and the event."""
+    if interrupted.mode is modes.mode:
+        event = Event(Severity.NOTICE, f"Failsafe ended: {modes.mode.name} stays until a mode is set")
+        return replace(modes, by_failsafe=interrupted.by_failsafe), (event,) if interrupted.by_failsafe else ()
     # The operator has to choose MANUAL again, because it is not known whether the stick is in use.
-    by_stick = MODES[before.mode].rudder_by is RudderBy.STICK
-    if obstacle := "no stick input" if by_stick else obstacle_to(before.mode, situation):
+    is_manual = MODES[interrupted.mode].rudder_by is RudderBy.STICK
+    if obstacle := "no stick input" if is_manual else obstacle_to(interrupted.mode, situation):
         text = f"Failsafe ended: {modes.mode.name} kept, {obstacle}"
         return modes, (Event(Severity.NOTICE, text[:50]),)
-    resumed = replace(modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
-    return resumed, (Event(Severity.NOTICE, f"Failsafe ended: {before.mode.name} resumed"),)
+    resumed = replace(modes, mode=interrupted.mode, goal=interrupted.goal, by_failsafe=interrupted.by_failsafe)
+    return resumed, (Event(Severity.NOTICE, f"Failsafe ended: {interrupted.mode.name} resumed"),)
 
 
 def limit_without_heading(
-    state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
+    state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, has_heading: bool
 ) -> tuple[SupervisorState, float]:
-    """Return the rudder demand limited without a heading: amidships after HARD_OVER_S with the rudder far over."""
-    if heading_ok or MODES[modes.mode].rudder_by is RudderBy.STICK or not modes.armed:
+    """Return the rudder demand; without a heading it is 0 after the rudder has been hard over for HARD_OVER_S."""
+    if has_heading or MODES[modes.mode].rudder_by is RudderBy.STICK or not modes.armed:
         if state.hard_over_s is None and not state.kept_amidships:
             return state, demand_rad
         return replace(state, hard_over_s=None, kept_amidships=False), demand_rad

@@ -14,14 +14,14 @@ def ship_at(speed_m_s, bias_rad=0.0):
     return Ship(model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, LIMIT_RAD, bias_rad)
 
 
-def turned(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
-    """The reference of a boat that follows it exactly: headings and rudders."""
+def simulate_turn(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
+    """Return headings and rudder angles of the reference for a boat that follows it exactly."""
     reference, goal = Reference(0.0, 0.0), math.radians(step_deg)
     headings, rudders, unwrapped = [], [], 0.0
     for _ in range(round(seconds / step_s)):
-        before = reference.heading_rad
+        previous_rad = reference.heading_rad
         reference = advance_reference(ship, reference, goal - unwrapped, reference.heading_rad, step_s, gain_reduction)
-        unwrapped += wrap_pi(reference.heading_rad - before)
+        unwrapped += wrap_pi(reference.heading_rad - previous_rad)
         headings.append(unwrapped)
         rudders.append(reference.feedforward_rad + ship.bias_rad)
     return headings, rudders
@@ -30,41 +30,39 @@ def turned(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.9, 1.2])
 @pytest.mark.parametrize("step_deg", [-170.0, -90.0, 10.0, 60.0])
 @pytest.mark.parametrize("bias_deg", [0.0, 5.0])
-def test_it_reaches_the_goal_without_overshoot(speed_m_s, step_deg, bias_deg):
+def test_reference_reaches_the_goal_without_overshoot(speed_m_s, step_deg, bias_deg):
     ship = ship_at(speed_m_s, math.radians(bias_deg))
-    headings, rudders = turned(ship, step_deg, 260.0)
+    headings, rudders = simulate_turn(ship, step_deg, 260.0)
     goal = math.radians(step_deg)
     assert headings[-1] == pytest.approx(goal, abs=math.radians(0.1))
     assert max(heading / goal for heading in headings) < 1.0 + 0.5 / abs(step_deg)
     assert max(abs(rudder) for rudder in rudders) <= LIMIT_RAD + 1e-12
 
 
-def test_it_is_fast_enough_in_the_tank():
-    headings, _ = turned(ship_at(0.4), 60.0, 60.0)
-    near = next(index for index, heading in enumerate(headings) if heading >= math.radians(55.0))
-    assert 0.1 * near < 43.5
+def test_reference_turns_by_55_deg_in_43_5_s_in_the_tank():
+    headings, _ = simulate_turn(ship_at(0.4), 60.0, 60.0)
+    ticks = next(index for index, heading in enumerate(headings) if heading >= math.radians(55.0))
+    assert 0.1 * ticks < 43.5
 
 
 @pytest.mark.parametrize("gain_reduction", [2.0, 4.0, 8.0])
-def test_with_reduced_gain_it_turns_with_less_rudder_and_reaches_the_goal(gain_reduction):
-    """In REDUCED_TURN_S per 1 of gain reduction above 1, it turns by LEAD_RAD at most."""
+def test_reference_with_reduced_gain_turns_with_less_rudder(gain_reduction):
+    """It turns by at most LEAD_RAD in REDUCED_TURN_S per 1 of gain reduction above 1."""
     ship = ship_at(0.4)
-    headings, rudders = turned(ship, 100.0, 400.0, gain_reduction=gain_reduction)
+    headings, rudders = simulate_turn(ship, 100.0, 400.0, gain_reduction=gain_reduction)
     assert headings[-1] == pytest.approx(math.radians(100.0), abs=math.radians(0.5))
-    steady_rad_s = ship.turning_ability_1_s * max(rudders)
-    assert steady_rad_s == pytest.approx(
-        min(LEAD_RAD / ((gain_reduction - 1.0) * REDUCED_TURN_S), ship.turning_ability_1_s * LIMIT_RAD), rel=1e-9
-    )
+    max_rate_rad_s = min(LEAD_RAD / ((gain_reduction - 1.0) * REDUCED_TURN_S), ship.turning_ability_1_s * LIMIT_RAD)
+    assert ship.turning_ability_1_s * max(rudders) == pytest.approx(max_rate_rad_s, rel=1e-9)
 
 
 @pytest.mark.parametrize("step_s", [0.02, 1.0])
-def test_it_is_stable_at_other_loop_rates(step_s):
-    headings, _ = turned(ship_at(1.2), 60.0, 100.0, step_s)
+def test_reference_is_stable_at_other_loop_rates(step_s):
+    headings, _ = simulate_turn(ship_at(1.2), 60.0, 100.0, step_s)
     assert headings[-1] == pytest.approx(math.radians(60.0), abs=math.radians(0.5))
     assert max(headings) < math.radians(62.0)
 
 
-def test_the_stopping_angle_solves_the_equation():
+def test_stopping_angle_solves_the_k_t_equation():
     ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
     expected = stopping_angle(ship, rate, brake)
     while rate > 0.0:
@@ -74,11 +72,10 @@ def test_the_stopping_angle_solves_the_equation():
     assert stopping_angle(ship, -0.02, brake) == -expected
 
 
-def test_it_waits_for_a_boat_that_does_not_follow():
+def test_lead_over_a_boat_that_does_not_follow_is_limited():
     ship, reference = ship_at(0.4), Reference(0.0, 0.0)
-    for _ in range(600):
-        reference = advance_reference(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
-    assert reference.heading_rad == pytest.approx(LEAD_RAD)
-    for _ in range(600):
-        reference = advance_reference(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1, 4.0)
-    assert reference.heading_rad == pytest.approx(4.0 * LEAD_RAD)
+    for gain_reduction in (1.0, 4.0):
+        for _ in range(600):
+            error_rad = 1.0 - reference.heading_rad
+            reference = advance_reference(ship, reference, error_rad, 0.0, 0.1, gain_reduction)
+        assert reference.heading_rad == pytest.approx(gain_reduction * LEAD_RAD)

@@ -28,34 +28,34 @@ def demand_of(reference, estimate, error_rad, step_s=0.1, gain_reduction=1.0):
     return law.demand(SETTINGS, reference, estimate, estimate.bias_rad, error_rad, step_s, gain_reduction)
 
 
-def at(estimate):
+def reference_at(estimate):
     return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
 
 
-def test_at_the_goal_the_demand_is_the_bias():
-    _, demand_rad, _ = demand_of(at(ESTIMATE), ESTIMATE, 0.0)
+def test_demand_at_the_goal_is_the_bias():
+    _, demand_rad, _ = demand_of(reference_at(ESTIMATE), ESTIMATE, 0.0)
     assert demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
-def test_the_model_is_scaled_to_the_estimated_speed():
+def test_model_is_scaled_to_the_estimated_speed():
     model = SETTINGS.model
     ship = ship_at_speed(SETTINGS, ESTIMATE._replace(speed_m_s=2.0 * model.speed_m_s), 0.05)
     assert ship.turning_ability_1_s == pytest.approx(2.0 * model.turning_ability_1_s)
     assert ship.turning_lag_s == pytest.approx(0.5 * model.turning_lag_s)
 
 
-def test_for_small_errors_the_law_is_the_optimal_regulator():
+def test_law_is_the_optimal_regulator_for_small_errors():
     ship, gain = ship_at_speed(SETTINGS, ESTIMATE, 0.05), 1.7
     gains = gains_of(ship, gain)
-    by_error = s_surface(gains, 1e-5, 0.0) / 1e-5
-    by_rate = -s_surface(gains, 0.0, 1e-6) / 1e-6
+    error_gain = s_surface(gains, 1e-5, 0.0) / 1e-5
+    rate_gain = -s_surface(gains, 0.0, 1e-6) / 1e-6
     k, t = ship.turning_ability_1_s, ship.turning_lag_s
-    assert by_error == pytest.approx(gain, rel=1e-6)
-    # The algebraic Riccati equation of min integral of error^2 + (rudder / gain)^2 gives both gains.
-    assert k * by_rate**2 + 2.0 * by_rate == pytest.approx(2.0 * t * gain, rel=1e-6)
+    assert error_gain == pytest.approx(gain, rel=1e-6)
+    # Algebraic Riccati equation for the minimum of the integral of error^2 + (rudder / gain)^2.
+    assert k * rate_gain**2 + 2.0 * rate_gain == pytest.approx(2.0 * t * gain, rel=1e-6)
 
 
-def test_a_reduced_gain_demands_less_rudder_in_a_narrower_deadband():
+def test_reduced_gain_gives_less_rudder_and_a_narrower_deadband():
     on_goal = Reference(ESTIMATE.heading_rad + 0.02, 0.0)
     _, full_rad, full_band_rad = demand_of(on_goal, ESTIMATE, 0.02)
     _, reduced_rad, reduced_band_rad = demand_of(on_goal, ESTIMATE, 0.02, gain_reduction=4.0)
@@ -64,39 +64,41 @@ def test_a_reduced_gain_demands_less_rudder_in_a_narrower_deadband():
     assert reduced_band_rad <= full_band_rad
 
 
-def turned(gain_reduction, late_s=0.0, slower=1.0, seconds=300.0):
-    """Turn a boat as the model says by 100 deg, late by late_s and with a lag so many times longer: headings [deg]."""
+def simulate_turn(gain_reduction, delay_s=0.0, lag_ratio=1.0, seconds=300.0):
+    """Return the headings [deg] of a boat in a turn of 100 deg, with a delay and a multiple of the model's lag."""
     heading_rad = rate_rad_s = command_rad = 0.0
-    late, headings, state = [0.0] * round(10.0 * late_s), [], IDLE
+    delayed_rad, headings, state = [0.0] * round(10.0 * delay_s), [], IDLE
     k, lag_s, _ = scaled(SETTINGS.model, 0.4 / SETTINGS.model.speed_m_s)
     for _ in range(round(10.0 * seconds)):
-        known = ESTIMATE._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0, bias_mean_rad=0.0)
+        estimate = ESTIMATE._replace(
+            heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0, bias_mean_rad=0.0
+        )
         error_rad = math.radians(100.0) - heading_rad
-        state, command_rad = law.steer(SETTINGS, state, known, error_rad, command_rad, 0.1, gain_reduction)
-        late.append(command_rad)
-        rate_rad_s += 0.1 * (k * late.pop(0) - rate_rad_s) / (slower * lag_s)
+        state, command_rad = law.steer(SETTINGS, state, estimate, error_rad, command_rad, 0.1, gain_reduction)
+        delayed_rad.append(command_rad)
+        rate_rad_s += 0.1 * (k * delayed_rad.pop(0) - rate_rad_s) / (lag_ratio * lag_s)
         heading_rad += 0.1 * rate_rad_s
         headings.append(math.degrees(heading_rad))
     return headings
 
 
-def test_a_reduced_gain_turns_in_twice_the_time():
-    """With the rudder fed forward divided by the gain reduction, it took five times as long."""
-    reduced, full = turned(8.0), turned(1.0)
+def test_turn_with_reduced_gain_takes_at_most_2_2_times_as_long():
+    """With the feedforward rudder also divided by the gain reduction, it took five times as long."""
+    reduced, full = simulate_turn(8.0), simulate_turn(1.0)
     assert sum(heading < 95.0 for heading in reduced) <= 2.2 * sum(heading < 95.0 for heading in full)
     assert max(reduced) < 102.0
 
 
-@pytest.mark.parametrize(("late_s", "slower"), [(12.0, 1.0), (8.0, 3.0)])
-def test_a_reduced_gain_turns_a_delayed_boat_without_oscillation(late_s, slower):
-    assert max(turned(1.0, late_s, slower)) > 112.0
-    headings = turned(8.0, late_s, slower)
+@pytest.mark.parametrize(("delay_s", "lag_ratio"), [(12.0, 1.0), (8.0, 3.0)])
+def test_reduced_gain_turns_a_delayed_boat_without_oscillation(delay_s, lag_ratio):
+    assert max(simulate_turn(1.0, delay_s, lag_ratio)) > 112.0
+    headings = simulate_turn(8.0, delay_s, lag_ratio)
     assert max(headings) < 108.0
     assert headings[-1] == pytest.approx(100.0, abs=1.5)
 
 
-def test_a_reduced_gain_follows_the_bias_slowly_from_its_mean():
-    """From the estimate of an oscillating boat, a reduced gain would be 14 deg off for ten minutes."""
+def test_bias_with_reduced_gain_starts_at_the_mean_and_follows_slowly():
+    """From the estimated bias of an oscillating boat, the heading error would be 14 deg for ten minutes."""
     state, _ = law.steer(SETTINGS, IDLE, ESTIMATE._replace(bias_rad=-0.24), 0.0, 0.0, 1.0, 3.0)
     assert state.bias_rad == ESTIMATE.bias_mean_rad
     other = ESTIMATE._replace(bias_rad=0.15)
@@ -106,31 +108,31 @@ def test_a_reduced_gain_follows_the_bias_slowly_from_its_mean():
     assert math.isnan(law.steer(SETTINGS, state, other, 0.0, 0.0, 1.0, 1.0)[0].bias_rad)
 
 
-DRIFTING = ESTIMATE._replace(speed_m_s=0.05, speed_sd_m_s=0.02)
+SLOW = ESTIMATE._replace(speed_m_s=0.05, speed_sd_m_s=0.02)
 
 
-def test_without_steerage_way_the_rudder_stays_at_the_goal():
-    assert law.without_way(SETTINGS, DRIFTING, 0.04)
-    assert law.steer(SETTINGS, IDLE, DRIFTING, 0.04, 0.3, 0.1, 1.0) == (
-        law.LawState(at(DRIFTING), pytest.approx(math.nan, nan_ok=True)), 0.3
-    )  # fmt: skip
-    # Unless that is only not known.
-    assert not law.without_way(SETTINGS, DRIFTING._replace(speed_sd_m_s=0.3), 0.04)
+def test_command_stays_the_same_at_the_goal_without_steerage_way():
+    assert law.is_too_slow(SETTINGS, SLOW, 0.04)
+    state, command_rad = law.steer(SETTINGS, IDLE, SLOW, 0.04, 0.3, 0.1, 1.0)
+    assert (state.reference, command_rad) == (reference_at(SLOW), 0.3)
+    assert math.isnan(state.bias_rad)
+    # With an uncertain speed the boat may be fast enough.
+    assert not law.is_too_slow(SETTINGS, SLOW._replace(speed_sd_m_s=0.3), 0.04)
 
 
 @pytest.mark.parametrize("error_rad", [0.5, -0.5, math.pi, -math.pi])
-def test_without_steerage_way_a_turn_is_still_commanded(error_rad):
-    """Otherwise the rudder would stay, even against the turn, until the estimated speed rises again."""
-    assert not law.without_way(SETTINGS, DRIFTING, error_rad)
-    reference = at(DRIFTING)
+def test_turn_is_commanded_without_steerage_way(error_rad):
+    """Otherwise the rudder would stay the same, even against the turn, until the estimated speed rises."""
+    assert not law.is_too_slow(SETTINGS, SLOW, error_rad)
+    reference = reference_at(SLOW)
     for _ in range(51):
-        reference, demand_rad, _ = demand_of(reference, DRIFTING, error_rad)
+        reference, demand_rad, _ = demand_of(reference, SLOW, error_rad)
     assert demand_rad == pytest.approx(math.copysign(LIMIT_RAD, error_rad), abs=0.05)
 
 
-def test_a_turn_commanded_the_long_way_goes_that_way():
+def test_turn_of_half_a_circle_has_the_commanded_direction():
     for sign in (1.0, -1.0):
-        reference = at(ESTIMATE)
+        reference = reference_at(ESTIMATE)
         for _ in range(51):
             reference, demand_rad, _ = demand_of(reference, ESTIMATE, sign * math.pi)
         assert math.copysign(1.0, demand_rad) == sign
@@ -138,15 +140,15 @@ def test_a_turn_commanded_the_long_way_goes_that_way():
 
 
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
-def test_the_command_moves_only_at_the_edge_of_the_deadband(command, error):
-    _, demand, band = demand_of(at(ESTIMATE), ESTIMATE, error)
-    _, after = law.steer(SETTINGS, IDLE, ESTIMATE, error, command, 0.1, 1.0)
-    assert abs(after - demand) <= band + 1e-12
+def test_command_changes_only_at_the_edge_of_the_deadband(command, error):
+    _, demand, band = demand_of(reference_at(ESTIMATE), ESTIMATE, error)
+    _, updated = law.steer(SETTINGS, IDLE, ESTIMATE, error, command, 0.1, 1.0)
+    assert abs(updated - demand) <= band + 1e-12
     if abs(command - demand) <= band:
-        assert after == pytest.approx(command, abs=1e-12)
+        assert updated == pytest.approx(command, abs=1e-12)
     else:
-        assert abs(after - demand) == pytest.approx(band, abs=1e-12)
-        assert min(command, demand) - 1e-12 <= after <= max(command, demand) + 1e-12
+        assert abs(updated - demand) == pytest.approx(band, abs=1e-12)
+        assert min(command, demand) - 1e-12 <= updated <= max(command, demand) + 1e-12
 
 
 @given(
@@ -157,15 +159,15 @@ def test_the_command_moves_only_at_the_edge_of_the_deadband(command, error):
     st.floats(0.0, 1.0),
     st.floats(0.0, 1.0),
 )
-def test_any_estimate_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, step):
+def test_demand_stays_within_the_limits_with_any_estimate(error, rate, bias, speed, spread, step):
     estimate = HeadingEstimate(2.0, spread * spread, rate, bias, bias, speed, 0.1)
-    reference = at(estimate)
+    reference = reference_at(estimate)
     for _ in range(4):
         reference, demand_rad, band_rad = demand_of(reference, estimate, error, step)
         # The deadband is at most 3.3 deg of heading error times the proportional gain, which grows as the speed falls.
         ability_1_s = scaled(SETTINGS.model, speed / SETTINGS.model.speed_m_s)[0]
-        most_rad = math.radians(3.3) * DEFAULT_CONSTANTS.crossover_rad_s / ability_1_s
+        max_band_rad = math.radians(3.3) * DEFAULT_CONSTANTS.crossover_rad_s / ability_1_s
         assert abs(demand_rad) <= LIMIT_RAD
-        assert 0.0 < band_rad < most_rad
+        assert 0.0 < band_rad < max_band_rad
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)

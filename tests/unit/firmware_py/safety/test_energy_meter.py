@@ -15,9 +15,9 @@ def run(state, angles_rad, power_w=None, step_s=0.1, start_s=0.0):
 
 
 def test_travel_reversals_and_energy_of_an_oscillating_rudder():
-    # 0.2 rad to either side with a period of 10 s for an hour: 0.8 rad of travel and two reversals each.
+    # 0.2 rad to both sides with a period of 10 s for an hour: 0.8 rad of travel and two reversals in each period.
     angles = [0.2 * math.sin(math.tau * index / 100) for index in range(36000)]
-    energy = report(run(EnergyMeterState(), angles, 3.0), resting=False)
+    energy = report(run(EnergyMeterState(), angles, 3.0), is_torque_released=False)
     assert energy.travel_rad == pytest.approx(288.0, rel=1e-3)
     assert energy.reversals == pytest.approx(720, abs=2)
     assert energy.travel_rad_per_h == pytest.approx(288.0, rel=1e-2)
@@ -32,17 +32,17 @@ def test_encoder_noise_is_travel_but_no_reversal():
     assert state.travel_rad == pytest.approx(0.999)
 
 
-def test_a_gap_of_the_servo_feedback_adds_no_energy():
+def test_gap_of_the_servo_feedback_adds_no_energy():
     state = run(EnergyMeterState(), [0.0] * 11, 10.0)
     assert state.energy_j == pytest.approx(10.0)
     assert run(state, [0.0] * 11, 10.0, start_s=100.0).energy_j == pytest.approx(20.0)
 
 
-def test_the_values_per_hour_have_a_memory_of_an_hour():
+def test_values_per_hour_have_a_memory_of_an_hour():
     state = run(EnergyMeterState(), [0.3 * (index % 2) for index in range(100)], step_s=1.0)
-    busy = report(state, resting=False).reversals_per_h
-    quiet = report(run(state, [0.0] * 20000, step_s=1.0), resting=True)
-    assert busy > 3000.0
-    assert quiet.reversals_per_h < 1.0
-    assert quiet.resting
-    assert quiet.power_w is None
+    reversals_per_h = report(state, is_torque_released=False).reversals_per_h
+    later = report(run(state, [0.0] * 20000, step_s=1.0), is_torque_released=True)
+    assert reversals_per_h > 3000.0
+    assert later.reversals_per_h < 1.0
+    assert later.resting
+    assert later.power_w is None

@@ -10,7 +10,7 @@ LOW, CRITICAL = 1 << Fault.BATTERY_LOW, 1 << Fault.BATTERY_CRITICAL
 
 
 @pytest.mark.parametrize(
-    ("active", "how"),
+    ("active", "level"),
     [
         (0, PowerSaving.OFF),
         (1 << Fault.SUPPLY_LOW, PowerSaving.OFF),
@@ -19,30 +19,33 @@ LOW, CRITICAL = 1 << Fault.BATTERY_LOW, 1 << Fault.BATTERY_CRITICAL
         (LOW | CRITICAL | 1, PowerSaving.HEADING_ONLY),
     ],
 )
-def test_the_level_of_power_saving(active, how):
-    assert level_of(active) is how
+def test_level_of_power_saving(active, level):
+    assert level_of(active) is level
 
 
-def changed(before, how):
-    after = parameters_in_force(before, how)
-    return {name: value for name, value in after.items() if before[name] != value}
+def replaced_parameters(values, level):
+    in_force = parameters_in_force(values, level)
+    return {name: value for name, value in in_force.items() if values[name] != value}
 
 
-def test_with_a_full_battery_no_parameter_is_replaced():
+def test_no_parameter_is_replaced_with_a_full_battery():
     values = ParameterSet()
     assert parameters_in_force(values, PowerSaving.OFF) == values
 
 
-@pytest.mark.parametrize("how", [PowerSaving.SAVING, PowerSaving.HEADING_ONLY])
-def test_power_saving_replaces_price_and_loop_rate_alone(how):
+@pytest.mark.parametrize("level", [PowerSaving.SAVING, PowerSaving.HEADING_ONLY])
+def test_power_saving_replaces_only_price_and_loop_rate(level):
     values = ParameterSet().replaced("CTL_PRICE", 1.5)
-    assert changed(values, how) == {"CTL_PRICE": 4.5, "LOOP_RATE_HZ": 5.0}
+    assert replaced_parameters(values, level) == {"CTL_PRICE": 4.5, "LOOP_RATE_HZ": 5.0}
 
 
-def test_a_slower_loop_is_kept_and_no_parameter_leaves_its_range():
+def test_slower_loop_stays_and_parameters_stay_in_range():
     values = ParameterSet().replaced("CTL_PRICE", 8.0).replaced("LOOP_RATE_HZ", 2)
-    assert changed(values, PowerSaving.SAVING) == {"CTL_PRICE": 10.0}
-    assert changed(ParameterSet().replaced("PWR_PRICE", 1.0).replaced("PWR_LOOP_HZ", 50), PowerSaving.SAVING) == {}
+    assert replaced_parameters(values, PowerSaving.SAVING) == {"CTL_PRICE": 10.0}
+    assert (
+        replaced_parameters(ParameterSet().replaced("PWR_PRICE", 1.0).replaced("PWR_LOOP_HZ", 50), PowerSaving.SAVING)
+        == {}
+    )
 
 
 def test_limits_are_shares_of_the_charge():

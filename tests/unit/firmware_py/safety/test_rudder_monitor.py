@@ -17,38 +17,37 @@ from firmware_py.safety.rudder_monitor import (
 
 
 class Servo:
-    """A shaft with a slew rate that follows a command at 10 Hz."""
+    """A servo with a limited rate, and its monitor at 10 Hz."""
 
     def __init__(self, slew_deg_s=30.0, limit_a=3.0):
         self.state, self.t_s, self.angle_deg, self.sent_deg = RudderMonitorState(), 0.0, 0.0, 0.0
         self.slew_deg_s, self.limit_a = slew_deg_s, limit_a
-        self.jammed = self.released = False
+        self.is_blocked = self.is_released = self.is_silent = False
         self.current_a = 0.2
-        self.silent = False
-        self.late, self.angles_deg = 0, [0.0]  # delay of the feedback in ticks
+        self.delay_ticks, self.angles_deg = 0, [0.0]  # of the feedback
 
     def run(self, seconds, demand_deg):
         for _ in range(round(seconds * 10)):
             self.t_s += 0.1
-            if not self.jammed:
-                reach_deg = 0.1 * self.slew_deg_s
-                self.angle_deg += min(max(self.sent_deg - self.angle_deg, -reach_deg), reach_deg)
+            if not self.is_blocked:
+                max_step_deg = 0.1 * self.slew_deg_s
+                self.angle_deg += min(max(self.sent_deg - self.angle_deg, -max_step_deg), max_step_deg)
             self.angles_deg.append(self.angle_deg)
             settings = RudderMonitorSettings(self.limit_a)
-            self.state = update(settings, self.state, self.status(), engaged=not self.released)
+            self.state = update(settings, self.state, self.status(), is_engaged=not self.is_released)
             commanded = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
             self.sent_deg = math.degrees(release_command(self.state, math.radians(commanded), self.t_s))
             yield self.state
 
     def status(self):
-        """Return its feedback; while it is silent, the last one."""
-        angle_deg = self.angles_deg[-1 - self.late :][0]
+        """Return the feedback; it is not new while the servo is silent."""
+        angle_deg = self.angles_deg[-1 - self.delay_ticks :][0]
         return RudderStatus(
             self.t_s,
             math.radians(self.sent_deg),
             math.radians(angle_deg),
             measured=math.isfinite(angle_deg),
-            is_new=not self.silent,
+            is_new=not self.is_silent,
             current_a=self.current_a,
         )
 
@@ -57,54 +56,54 @@ class Servo:
 @pytest.mark.parametrize(
     "demand_deg", [30.0, lambda t_s: 25.0 * math.sin(t_s), lambda t_s: 30.0 if t_s % 8 < 4 else -30.0]
 )
-def test_a_slow_servo_that_follows_is_no_fault(slew_deg_s, demand_deg):
+def test_slow_servo_that_follows_has_no_fault(slew_deg_s, demand_deg):
     states = list(Servo(slew_deg_s).run(60.0, demand_deg))
-    assert not any(state.jammed or state.deviating or state.overloaded for state in states)
+    assert not any(state.is_jammed or state.deviating or state.overloaded for state in states)
 
 
-def test_a_servo_that_stands_still_is_jammed_and_retried_until_it_moves():
+def test_servo_that_does_not_move_is_jammed_and_retried_until_it_moves():
     servo = Servo()
     list(servo.run(3.0, 20.0))
-    servo.jammed = True
-    began_s = servo.t_s
+    servo.is_blocked = True
+    start_s = servo.t_s
     list(servo.run(1.4, -10.0))
-    assert not servo.state.jammed
+    assert not servo.state.is_jammed
     list(servo.run(0.5, -10.0))
-    assert servo.state.jammed
-    pulled_s = 0.0
+    assert servo.state.is_jammed
+    driven_s = 0.0
     for _ in servo.run(30.0, -10.0):
-        pulled_s += 0.1 * (abs(servo.sent_deg - 20.0) > 1.0)
-    assert 2 * TRIAL_S - 0.3 < pulled_s < 3 * TRIAL_S
-    servo.jammed = False
+        driven_s += 0.1 * (abs(servo.sent_deg - 20.0) > 1.0)
+    assert 2 * TRIAL_S - 0.3 < driven_s < 3 * TRIAL_S
+    servo.is_blocked = False
     list(servo.run(RELIEF_S + 1.0, -10.0))
-    assert not servo.state.jammed
-    assert servo.t_s - began_s < 50.0
+    assert not servo.state.is_jammed
+    assert servo.t_s - start_s < 50.0
     list(servo.run(3.0, -10.0))
     assert servo.angle_deg == pytest.approx(-10.0)
 
 
-def test_the_end_of_a_jam_at_the_command_is_detected_by_a_wiggle():
+def test_end_of_a_jam_at_the_command_is_detected_by_a_small_movement():
     servo = Servo()
     list(servo.run(2.0, 20.0))
-    servo.jammed = True
+    servo.is_blocked = True
     list(servo.run(2.0, -10.0))
-    assert servo.state.jammed
-    servo.jammed = False
+    assert servo.state.is_jammed
+    servo.is_blocked = False
     list(servo.run(RELIEF_S + TRIAL_S, 20.0))
-    assert not servo.state.jammed
+    assert not servo.state.is_jammed
 
 
-def test_a_servo_that_moves_the_wrong_way_deviates_and_is_not_jammed():
+def test_servo_that_moves_in_the_wrong_direction_deviates_and_is_not_jammed():
     servo = Servo()
     list(servo.run(1.0, 20.0))
-    servo.jammed = True
+    servo.is_blocked = True
     for _ in servo.run(4.0, 20.0):
         servo.angle_deg -= 0.3
     assert servo.state.deviating
-    assert not servo.state.jammed
+    assert not servo.state.is_jammed
 
 
-def test_an_overloaded_servo_is_relieved_and_recovers_after_a_quiet_trial():
+def test_overloaded_servo_is_relieved_and_recovers_after_a_trial_with_low_current():
     servo = Servo()
     servo.current_a = 4.0
     list(servo.run(1.8, 0.0))
@@ -119,30 +118,30 @@ def test_an_overloaded_servo_is_relieved_and_recovers_after_a_quiet_trial():
     assert servo.state.relieved_s is None
 
 
-@pytest.mark.parametrize("state", ["released", "silent"])
-def test_a_released_or_silent_servo_is_not_judged(state):
+@pytest.mark.parametrize("attribute", ["is_released", "is_silent"])
+def test_released_or_silent_servo_has_no_fault(attribute):
     servo = Servo()
-    setattr(servo, state, True)
-    servo.jammed = True
-    assert not any(state.jammed or state.deviating for state in servo.run(20.0, 25.0))
+    setattr(servo, attribute, True)
+    servo.is_blocked = True
+    assert not any(state.is_jammed or state.deviating for state in servo.run(20.0, 25.0))
 
 
-def test_without_a_limit_any_current_is_allowed_and_nan_is_ignored():
+def test_any_current_is_allowed_without_a_limit_and_nan_is_ignored():
     servo = Servo(limit_a=0.0)
     servo.current_a = 50.0
     assert not any(state.overloaded for state in servo.run(10.0, 0.0))
     servo.angle_deg = math.nan
     servo.current_a = math.nan
-    servo.jammed = True
+    servo.is_blocked = True
     servo.limit_a = 3.0
-    assert not any(state.overloaded or state.jammed for state in servo.run(5.0, 0.0))
+    assert not any(state.overloaded or state.is_jammed for state in servo.run(5.0, 0.0))
 
 
-@pytest.mark.parametrize("late", [0, 1, 2])
+@pytest.mark.parametrize("delay_ticks", [0, 1, 2])
 @pytest.mark.parametrize("slew_deg_s", [10.0, 30.0, 60.0])
-def test_a_relieved_servo_comes_to_rest_with_delayed_feedback(slew_deg_s, late):
+def test_relieved_servo_stops_with_delayed_feedback(slew_deg_s, delay_ticks):
     servo = Servo(slew_deg_s)
-    servo.late = late
+    servo.delay_ticks = delay_ticks
 
     def demand_deg(t_s):
         return 25.0 * math.sin(2.0 * t_s)
@@ -156,7 +155,7 @@ def test_a_relieved_servo_comes_to_rest_with_delayed_feedback(slew_deg_s, late):
     assert max(angles_deg) - min(angles_deg) < 0.01
 
 
-def overloaded():
+def overloaded_servo():
     servo = Servo()
     list(servo.run(3.0, 20.0))
     servo.current_a = 5.0
@@ -167,22 +166,22 @@ def overloaded():
     return servo
 
 
-def test_a_servo_overloaded_in_each_trial_is_relieved_between_them():
-    servo, tried = overloaded(), []
+def test_servo_overloaded_in_each_trial_is_relieved_between_trials():
+    servo, in_trial = overloaded_servo(), []
     for _ in range(600):
-        servo.current_a = 5.0 if servo.state.trial(servo.t_s) else 0.2
+        servo.current_a = 5.0 if servo.state.is_in_trial(servo.t_s) else 0.2
         list(servo.run(0.1, 20.0))
-        tried.append(servo.state.trial(servo.t_s))
+        in_trial.append(servo.state.is_in_trial(servo.t_s))
         assert servo.state.overloaded
-    trials = sum(now and not before for before, now in pairwise(tried))
+    trials = sum(now and not before for before, now in pairwise(in_trial))
     assert trials == pytest.approx(60.0 / (RELIEF_S + TRIAL_S), abs=1.0)
-    assert sum(tried) * 0.1 == pytest.approx(trials * TRIAL_S, abs=1.5)
+    assert sum(in_trial) * 0.1 == pytest.approx(trials * TRIAL_S, abs=1.5)
 
 
-def test_a_relieved_rudder_that_is_pushed_away_is_not_driven_back():
-    servo = overloaded()
+def test_command_of_a_relieved_rudder_follows_it_when_it_is_moved():
+    servo = overloaded_servo()
     servo.current_a = 0.2
-    servo.jammed = True  # moved by the sea alone
+    servo.is_blocked = True  # only waves move it
     for _ in range(80):
         servo.angle_deg -= 0.2
         list(servo.run(0.1, 20.0))
