@@ -160,7 +160,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
         output = replace(output, events=(*output.events, *events))
     if parts.recorder is not None:
         parts.recorder.offer(inputs, output, lambda: state_to_text(before))
-    if parts.autopilot.compass_swing.running:
+    if parts.autopilot.compass_swing.is_running:
         parts.notices += parts.autopilot.compass_swing.take(inputs, parts.autopilot.state.parameters)
     parts.fault_barrier.call(now_s, partial(parts.link.publish, output, now_s))
     if parts.vessels is not None:

@@ -1,4 +1,4 @@
-"""Applies requests: a pure function, called when they arrive and again, with the same answer, in the next tick."""
+"""Apply requests to the state: a pure function, called on arrival and again, with the same answer, in the next tick."""
 
 from __future__ import annotations
 
@@ -38,17 +38,18 @@ from firmware_py.safety.supervisor import OVERRULING
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
     """Apply one request; a refusal leaves the state unchanged. An accepted command overrules a failsafe."""
-    accepted, answer = _judge(state, request)
+    accepted, answer = _apply(state, request)
     if accepted.modes.by_failsafe and answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, OVERRULING):
         accepted = replace(accepted, modes=replace(accepted.modes, by_failsafe=False))
     return accepted, answer
 
 
-def _judge(state: State, request: Request) -> tuple[State, Answer]:
+def _apply(state: State, request: Request) -> tuple[State, Answer]:
+    """Return the state after a request, and the answer, without the effect on a failsafe."""
     intent = request.intent
-    judge = _JUDGES.get(type(intent))
-    if judge is not None:
-        return judge(state, intent, request.t_s)
+    handler = _HANDLERS.get(type(intent))
+    if handler is not None:
+        return handler(state, intent, request.t_s)
     modes, answer = decide(state.modes, intent, situation_at(state, request.t_s), request.t_s)
     return (state if modes is state.modes else replace(state, modes=modes)), answer
 
@@ -68,8 +69,8 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
 
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
     if problem := problem_of(intent.plan):
-        first = first_item(state) if intent.plan.kind is PlanKind.MISSION else 0
-        return state, Answer(Verdict.DENIED, problem.message(first))
+        first_number = first_item(state) if intent.plan.kind is PlanKind.MISSION else 0
+        return state, Answer(Verdict.DENIED, problem.message(first_number))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 
 
@@ -81,7 +82,7 @@ def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]
             return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home refused: no position")
         home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
         return replace(state, home=home), ACCEPTED
-    # Written so that NaN fails the comparison.
+    # With NaN a comparison is false.
     if not (abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and abs(intent.altitude_m) <= 1e5):
         return state, Answer(Verdict.DENIED, "Home refused: position out of range")
     return replace(state, home=Home(latitude_rad, longitude_rad, intent.altitude_m)), ACCEPTED
@@ -92,8 +93,9 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
     if not count:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
     if not 0 <= intent.index < count:
-        first = first_item(state)
-        text = f"Item {first + intent.index} refused: mission has items {first} to {first + count - 1}"
+        first_number = first_item(state)
+        numbers = f"{first_number} to {first_number + count - 1}"
+        text = f"Item {first_number + intent.index} refused: mission has items {numbers}"
         return state, Answer(Verdict.DENIED, text)
     progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
     progress = mission_progress.at_item(progress, intent.index, restart=intent.restart)
@@ -114,17 +116,17 @@ def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[Sta
 
 
 def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]:
-    """Enter a mode; AUTO resumes a halted mission and restarts a complete one."""
+    """Enter a mode; AUTO resumes a paused mission and restarts a complete one."""
     modes, answer = decide(state.modes, intent, situation_at(state, t_s), t_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
-    before, guidance = state.guidance.mission, state.guidance
+    previous, guidance = state.guidance.mission, state.guidance
     if modes.mode is Mode.AUTO:
-        progress = mission_progress.for_plan(before, state.plans.mission.identity)
+        progress = mission_progress.for_plan(previous, state.plans.mission.identity)
         progress = mission_progress.resume_mission(progress, steps_of(state.plans.mission))
         if progress.complete and not progress.unusable:
             progress = mission_progress.enter(progress)
-        guidance = guidance if progress is before else replace(guidance, mission=progress)
+        guidance = guidance if progress is previous else replace(guidance, mission=progress)
     return replace(state, modes=modes, guidance=guidance), answer
 
 
@@ -134,8 +136,8 @@ def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State
     return replace(state, guidance=replace(state.guidance, fence_enabled=intent.enabled)), ACCEPTED
 
 
-# Valid ranges of a battery, in the units of PowerSample.
-_BATTERY = {
+# Valid ranges of a battery report, in the units of PowerSample.
+_BATTERY_RANGES = {
     "voltage_v": (0.0, 1000.0),
     "current_a": (-5000.0, 5000.0),
     "charge": (0.0, 1.0),
@@ -144,17 +146,17 @@ _BATTERY = {
 
 
 def _report_battery(state: State, intent: ReportBattery, t_s: float) -> tuple[State, Answer]:
-    values = {name: getattr(intent, name) for name in _BATTERY}
-    for name, (low, high) in _BATTERY.items():
-        # Written so that NaN fails the comparison.
+    values = {name: getattr(intent, name) for name in _BATTERY_RANGES}
+    for name, (low, high) in _BATTERY_RANGES.items():
+        # With NaN a comparison is false.
         if values[name] is not None and not low <= values[name] <= high:
             return state, Answer(Verdict.DENIED, "Battery report refused: value out of range")
     sample = PowerSample(t_s, power_monitor.COMPANION, **values)
     return replace(state, power=power_monitor.update(state.power, (sample,))), ACCEPTED
 
 
-# Requests that need the whole state; the others are decided by modes.py.
-_JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
+# Intents that need the whole state; modes.py decides the others.
+_HANDLERS: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     SetParameter: _set_parameter,
     ReplacePlan: _replace_plan,
     SetHome: _set_home,

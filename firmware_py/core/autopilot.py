@@ -1,4 +1,4 @@
-"""The autopilot between ticks: answers requests at once and passes them to the next step."""
+"""Autopilot between ticks: answers requests at once and passes them to the next step."""
 
 from __future__ import annotations
 
@@ -19,30 +19,28 @@ from firmware_py.core.resume_writer import ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 
-# Further requests between two ticks are refused.
-PENDING_LIMIT: Final = 256
-# Further acknowledgements do not wait for the disk, so that a hanging disk cannot fill the memory.
-AWAITED_LIMIT: Final = 256
+MAX_PENDING: Final = 256  # requests between two ticks; further ones are refused
+MAX_AWAITED: Final = 256  # callbacks that wait for the disk; further ones fail, so that memory stays limited
 _ACCEPTED: Final = Answer(Verdict.ACCEPTED)
 
 
 class Autopilot:
     """State between ticks, and the pending requests.
 
-    `decide` applies a request to a copy of the state with the function that the next step will use. The answer need not
-    wait for the tick and cannot differ from its result.
+    `decide` applies a request to a copy of the state with the function that the next step uses. So the answer is given
+    before the tick and agrees with its result.
     """
 
     def __init__(self, state: State, writer: StateWriter, begun: Moment | None = None) -> None:
-        """Start from a state; `writer` stores data over restarts, `begun` is the moment at which `now_s` was 0."""
+        """Start from a state; `writer` stores data for a restart, `begun` is the moment at which `now_s` was 0."""
         self._state = state
         self._ahead = state
         self._pending: list[Request] = []
         self._writer = writer
         self._parameters = ParameterWriter(writer)
         self._resume = ResumeWriter(begun or Moment(0.0))
-        self._waiting: list[Callable[[bool], None]] = []  # callbacks for a record not passed to the store yet
-        self._awaited = 0  # all callbacks that wait for a record
+        self._callbacks: list[Callable[[bool], None]] = []  # for a record that is not yet passed to the store
+        self._awaited = 0  # number of all callbacks that wait for a record
         self._now_s = 0.0
         self._utc_offset_s: float | None = None  # None before the first tick
         self.compass_swing = CompassSwing()  # updated by the loop after each tick
@@ -58,8 +56,8 @@ class Autopilot:
         return self.decide_together((request,))
 
     def decide_together(self, requests: Sequence[Request]) -> Answer:
-        """Answer requests in order; either all are accepted, or none and the first refusal is returned."""
-        if len(self._pending) + len(requests) > PENDING_LIMIT:
+        """Answer requests in order: accept all, or none, with the answer of the first refused one."""
+        if len(self._pending) + len(requests) > MAX_PENDING:
             return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests: try again")
         ahead, answer = self._ahead, _ACCEPTED
         for request in requests:
@@ -68,10 +66,10 @@ class Autopilot:
                 return answer
         self._ahead = ahead
         for request in requests:
-            self._take(request)
+            self._queue(request)
         return answer
 
-    def _take(self, request: Request) -> None:
+    def _queue(self, request: Request) -> None:
         """Pass an accepted request to the next tick, and its parameters to the store."""
         self._now_s = max(self._now_s, request.t_s)
         self._pending.append(request)
@@ -82,7 +80,7 @@ class Autopilot:
             self._parameters.forget()
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
-        """Activate a plan once it is on disk; the old one stays active until then."""
+        """Activate a plan after it is on disk; call `done` with the answer."""
         intent = request.intent
         if not isinstance(intent, ReplacePlan):
             raise TypeError(f"{type(intent).__name__} is not a plan")
@@ -95,33 +93,33 @@ class Autopilot:
             if not stored:
                 done(Answer(Verdict.FAILED, "plan not stored; the old one stays active"))
                 return
-            # It is on disk, so it must be accepted now, even with a full queue.
+            # It is on disk, so it must be accepted now, also if MAX_PENDING is exceeded.
             self._ahead, answer = accept(self._ahead, request)
             self._pending.append(request)
-            # The item number of the old mission is invalid in the new one.
+            # Also wait for the resume record: the item number of the old mission is not valid in the new one.
             self.when_orders_stored(lambda _stored: done(answer))
 
         self._writer.save_plan(intent.plan, finish)
 
     def parameters(self) -> ParameterSet:
-        """Return the values in force, accepted requests included."""
+        """Return the parameter values after all accepted requests."""
         return self._ahead.parameters
 
     def plans(self) -> Plans:
-        """Return the plans in force, accepted requests included."""
+        """Return the plans after all accepted requests."""
         return self._ahead.plans
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back when all accepted parameters are on disk (True) or cannot be stored (False)."""
+        """Call back when all accepted parameters are on disk (True), or cannot be stored (False)."""
         self._save()  # FENCE_ENABLE and BOOT_RESUME change the resume record
         self._parameters.when_stored(call, self._now_s)
 
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back when the resume record with all accepted commands is on disk (True) or cannot be stored (False)."""
+        """Call back when the resume record of all accepted commands is on disk (True), or cannot be stored (False)."""
         if not self._ahead.parameters["BOOT_RESUME"]:
             call(True)
             return
-        if self._awaited >= AWAITED_LIMIT:
+        if self._awaited >= MAX_AWAITED:
             call(False)
             return
 
@@ -130,7 +128,7 @@ class Autopilot:
             call(stored)
 
         self._awaited += 1
-        self._waiting.append(finish)
+        self._callbacks.append(finish)
         self._save()
 
     def take_requests(self) -> tuple[Request, ...]:
@@ -140,7 +138,7 @@ class Autopilot:
         return requests
 
     def step(self, inputs: Inputs) -> Output:
-        """Compute a tick."""
+        """Compute a tick; return its output."""
         self._state, output = step(self._state, inputs)
         self._ahead = self._state
         for request in inputs.requests:
@@ -149,7 +147,7 @@ class Autopilot:
         return output
 
     def save_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
-        """Store changed parameters and the resume record; `last`: all changes, the process ends."""
+        """Store changed parameters and the resume record; `last`: the process ends, so all changes are stored."""
         self._now_s, self._utc_offset_s = now_s, utc_s - now_s
         self._parameters.update(now_s, last=last)
         self._save(last=last)
@@ -158,10 +156,10 @@ class Autopilot:
         if self._utc_offset_s is None:
             return
         utc_s = self._now_s + self._utc_offset_s
-        record = self._resume.update(self._ahead, self._now_s, utc_s, is_awaited=bool(self._waiting), last=last)
+        record = self._resume.update(self._ahead, self._now_s, utc_s, is_awaited=bool(self._callbacks), last=last)
         if record is not None:
             self._writer.save_resume(record)
         if self._resume.is_current:
-            waiting, self._waiting = self._waiting, []
-            for call in waiting:
+            callbacks, self._callbacks = self._callbacks, []
+            for call in callbacks:
                 self._writer.when_resume_stored(call)

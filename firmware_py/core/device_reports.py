@@ -21,7 +21,7 @@ _POWER: Final = (DeviceRole.POWER, DeviceRole.POWER_B)
 class DeviceReports(msgspec.Struct, frozen=True):
     """Last health of storage, clock, links, signing key and servo; times and intervals of the samples.
 
-    `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until the second sample.
+    `compass_s` and `compass_interval_s` are those of compass A and B; an interval is None until the second sample.
     `power_reported_s` is the time of the last reported error of power monitors A and B.
     """
 
@@ -40,7 +40,7 @@ class DeviceReports(msgspec.Struct, frozen=True):
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
-    """Update with the reports and samples of a tick."""
+    """Return the state updated with the reports and samples of a tick."""
     if not (inputs.headings or inputs.positions or inputs.rudder or inputs.devices):
         return state
     storage, clock, link, key, rudder = state.storage, state.clock, state.link, state.key, state.rudder
@@ -86,22 +86,22 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
 def report_power(
     state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
 ) -> tuple[DeviceReports, tuple[Event, ...]]:
-    """Return events for faulty power monitors, each at most once in REPEAT_INTERVAL_S."""
+    """Return the state and the events of faulty power monitors, for each at most one in REPEAT_INTERVAL_S."""
     if not devices:
         return state, ()
     reported_s, events = list(state.power_reported_s), []
     for device in devices:
         if device.role in _POWER and device.state is DeviceState.FAULTY:
             number = _POWER.index(device.role)
-            before_s = reported_s[number]
-            if before_s is None or now_s - before_s >= REPEAT_INTERVAL_S:
+            previous_s = reported_s[number]
+            if previous_s is None or now_s - previous_s >= REPEAT_INTERVAL_S:
                 reported_s[number] = now_s
                 events.append(Event(Severity.WARNING, f"Power monitor: {device.text}"))
     return (replace(state, power_reported_s=(reported_s[0], reported_s[1])) if events else state), tuple(events)
 
 
 def _sample_times(
-    last_s: float | None, interval_s: float | None, t_s: float, shortest_s: float
+    last_s: float | None, interval_s: float | None, t_s: float, min_timeout_s: float
 ) -> tuple[float, float | None]:
-    """Return the time and interval after a sample at t_s."""
-    return t_s, interval_s if last_s is None else learn_interval_s(or_nan(interval_s), t_s - last_s, shortest_s)
+    """Return the time of a sample at t_s, and the learned sample interval."""
+    return t_s, interval_s if last_s is None else learn_interval_s(or_nan(interval_s), t_s - last_s, min_timeout_s)

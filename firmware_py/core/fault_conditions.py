@@ -1,4 +1,4 @@
-"""Inputs of the fault conditions, taken from the state."""
+"""Inputs of the fault conditions, read from the state."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState
 from firmware_py.safety import power_monitor
 
-FIRST_FIX_S: Final = 180.0  # cold start of a receiver
+FIRST_FIX_S: Final = 180.0  # time of a receiver from a cold start to its first fix
 
 
 def fault_input(
     settings: Settings, state: State, freshness: Freshness, timeouts: HeadingTimeouts, now_s: float
 ) -> FaultInput:
-    """Return the inputs of the fault conditions from the state, after its update with the inputs of the tick."""
+    """Return the inputs of the fault conditions; the state is already updated with the inputs of the tick."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     compasses, rudder_monitor = state.heading_estimator.tick.sources, state.supervisor.rudder_monitor
-    frozen, jumping = frozen_or_jumping(settings.heading_estimator.tick.frozen_s, compasses, timeouts.compass_s, now_s)
+    is_frozen, is_jumping = find_compass_faults(
+        settings.heading_estimator.tick.frozen_s, compasses, timeouts.compass_s, now_s
+    )
     a_s, b_s = devices.compass_s
     a_timeout_s, b_timeout_s = timeouts.compass_s
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
-    battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
+    battery, limits = power_monitor.read_supply(state.power, now_s), settings.battery_limits
     skipped_s, restarted_s, station = state.timing.skipped_t_s, state.rudder.restarted_s, devices.link
     return FaultInput(
         faults=state.fault_latch.active,
@@ -39,8 +41,8 @@ def fault_input(
         compass_silent=(
             (a_s is not None and now_s - a_s > a_timeout_s) or (b_s is not None and now_s - b_s > b_timeout_s)
         ),
-        compass_frozen=frozen,
-        compass_jumping=jumping,
+        compass_frozen=is_frozen,
+        compass_jumping=is_jumping,
         compasses_disagree=sources.compasses_disagree(compasses),
         position_old=freshness.position is Age.OLD
         and (position.fix is not None or _lacks_first_fix(state.modes, state.timing, now_s)),
@@ -54,7 +56,7 @@ def fault_input(
         servo_hot_c=settings.supervisor.hot_c,
         servo_restart_age_s=None if restarted_s is None else now_s - restarted_s,
         rudder_astray=rudder_monitor.deviating,
-        rudder_jammed=rudder_monitor.jammed,
+        rudder_jammed=rudder_monitor.is_jammed,
         rudder_overloaded=rudder_monitor.overloaded,
         steering_lost=state.supervisor.steering_monitor.loss.lost,
         steering_reversed=state.supervisor.steering_monitor.reversal.reversed,
@@ -68,7 +70,7 @@ def fault_input(
         save_v=limits.save_v,
         keep_charge=limits.keep_charge,
         keep_v=limits.keep_v,
-        power_silent=power_monitor.has_silent_source(state.power, now_s),
+        power_silent=power_monitor.has_outdated_source(state.power, now_s),
         current_too_strong=state.heading_estimator.water.verdict.too_strong > 0.5,
         mission_unusable=state.modes.armed and state.modes.mode is Mode.AUTO and state.guidance.mission.unusable,
         outside_fence=margin_m is not None and margin_m < 0.0,
@@ -90,21 +92,21 @@ def _lacks_first_fix(modes: ModeState, timing: TickTiming, now_s: float) -> bool
     return now_s - started_s > FIRST_FIX_S
 
 
-def frozen_or_jumping(
+def find_compass_faults(
     frozen_s: float, state: SourceState, timeouts_s: tuple[float, float], now_s: float
 ) -> tuple[bool, bool]:
     """Return whether a compass is frozen, and whether another one jumps.
 
-    A compass that differs from the other one from the start, or drifts away slowly, does not jump: they disagree.
+    A compass that differs from the other one from the start, or drifts away slowly, does not jump; they disagree.
     """
-    frozen, jumping, disagree = False, False, sources.compasses_disagree(state)
+    is_frozen, is_jumping, disagree = False, False, sources.compasses_disagree(state)
     for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
         if sources.is_frozen(compass, now_s, frozen_s, timeout_s):
-            frozen = True
+            is_frozen = True
         elif (
             sources.is_jumping(compass)
             and sources.is_received(compass, now_s, timeout_s)
             and (compass.agreed or not disagree)
         ):
-            jumping = True
-    return frozen, jumping
+            is_jumping = True
+    return is_frozen, is_jumping

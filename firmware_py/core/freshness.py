@@ -1,4 +1,4 @@
-"""Age of the values that the autopilot steers by: judged once a tick, before the fault conditions."""
+"""Age of heading, position and servo feedback; evaluated once a tick, before the fault conditions."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from firmware_py.common.parameters import ParameterSet
 class Age(IntEnum):
     """Age of the last value of a kind."""
 
-    AWAITED = 0  # none yet, and the timeout since the start has not passed
+    AWAITED = 0  # no value yet, and the time-out since the start has not passed
     FRESH = 1
-    OLD = 2  # the timeout since the last value, or since the start, has passed
+    OLD = 2  # the time-out since the last value, or since the start, has passed
 
 
 class FreshnessSettings(msgspec.Struct, frozen=True):
-    """Minimum timeouts of heading, position and servo feedback (common/sample_timeout.py)."""
+    """Minimum time-outs of heading, position and servo feedback (common/sample_timeout.py)."""
 
     heading_timeout_s: float
     position_timeout_s: float
@@ -43,7 +43,7 @@ class Freshness(msgspec.Struct, frozen=True):
 
 
 def age_of(t_s: float | None, started_s: float | None, now_s: float, timeout_s: float) -> Age:
-    """Return the age of a value received at t_s (None: never; the start counts)."""
+    """Return the age of a value received at t_s; without a value (None) it is measured from the start."""
     if t_s is not None:
         return Age.FRESH if now_s - t_s <= timeout_s else Age.OLD
     return Age.OLD if started_s is not None and now_s - started_s > timeout_s else Age.AWAITED

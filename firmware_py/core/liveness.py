@@ -1,7 +1,7 @@
-"""Detects parts of the autopilot that are stuck; the watchdogs are served only while there are none.
+"""Detects parts of the autopilot that are stuck; the watchdogs are served only while no part is stuck.
 
-It is called at the end of each tick. Problems that a restart cannot solve do not count: a device that has never sent
-anything, or a disk that reports errors.
+It is called at the end of each tick. Problems that a restart cannot solve are ignored: a device that has never sent
+anything, and a disk that reports errors.
 """
 
 from __future__ import annotations
@@ -10,44 +10,44 @@ from collections.abc import Iterable, Sequence
 
 from firmware_py.common.records import Progress
 
-# All devices together: one silent device is a fault of its own, all of them suggest a blocked bus or port.
+# Samples of all devices together: a single silent device is a fault, all of them are a blocked bus or port.
 SAMPLES, ACTUATION = "samples", "actuation"
 DEVICES_S = 30.0
 
 
 class StuckError(RuntimeError):
-    """A part of the autopilot is stuck (named in the text); the process must be restarted."""
+    """A part of the autopilot is stuck, and the process must restart; the text names the part."""
 
 
 class Liveness:
     """Progress of each part, and the time of its last change."""
 
     def __init__(self) -> None:
-        """Start without progress."""
-        self._seen: dict[str, tuple[int, float]] = {}  # by name: work done, time of the last change
+        """Create the record without progress."""
+        self._progress: dict[str, tuple[int, float]] = {}  # by name: work done, time of its last change
 
     def update(self, parts: Iterable[Progress], now_s: float) -> tuple[Progress, ...]:
-        """Update with the progress of the parts; return the parts that are stuck."""
+        """Store the progress of the parts; return those that are stuck."""
         return tuple(part for part in parts if self._is_stuck(part, now_s))
 
     def _is_stuck(self, part: Progress, now_s: float) -> bool:
         if not part.alive:
             return True
-        done, since_s = self._seen.get(part.name, (-1, now_s))
+        done, since_s = self._progress.get(part.name, (-1, now_s))
         if not part.has_work or part.done != done:
-            self._seen[part.name] = part.done, now_s
+            self._progress[part.name] = part.done, now_s
             return False
         return now_s - since_s > part.patience_s
 
 
 def devices_progress(
-    taken: int, sent_bytes: int, connected: Sequence[bool], *, rudder_connected: bool
+    sample_count: int, sent_bytes: int, connected: Sequence[bool], *, rudder_connected: bool
 ) -> list[Progress]:
-    """Return the progress of the sensors [samples] and of the ports [bytes sent] since the start.
+    """Return the progress of the sensors (number of samples) and of the servo port (bytes sent) since the start.
 
-    Devices that have never sent anything and closed ports have no work: a restart would not help.
+    Devices that have never sent anything and closed ports have no work, because a restart would not help.
     """
     return [
-        Progress(SAMPLES, taken > 0 and any(connected), taken, DEVICES_S),
+        Progress(SAMPLES, sample_count > 0 and any(connected), sample_count, DEVICES_S),
         Progress(ACTUATION, sent_bytes > 0 and rudder_connected, sent_bytes, DEVICES_S),
     ]

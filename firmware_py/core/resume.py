@@ -1,7 +1,7 @@
-"""The part of the state that survives a restart: mode, goal, mission and task.
+"""Resume record: mode, goal, mission, task and position for a restart.
 
-The record holds the time of its writing, from which its age follows. All other times in it are durations, because the
-clock of a process starts at 0.
+The record contains the time of its writing, which gives its age. All other times in it are durations, because the clock
+of a process starts at 0.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
-# Values are rounded to these steps, so that small changes do not cause a write.
+# Values are rounded down to these steps, so that small changes do not cause a write.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
-NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
+OFF, ALL_BUT_ARMING, ALL = 0, 1, 2  # values of BOOT_RESUME
 
 
 class Moment(msgspec.Struct, frozen=True):
@@ -42,12 +42,12 @@ class Moment(msgspec.Struct, frozen=True):
     machine_s: float = 0.0
 
     def at(self, t_s: float, utc_s: float) -> Moment:
-        """Return the moment t_s later, at which the calendar clock shows utc_s."""
+        """Return the moment t_s later, with utc_s by the calendar clock."""
         return Moment(utc_s, self.boot, self.machine_s + t_s)
 
 
 class Resume(msgspec.Struct, frozen=True):
-    """The stored record; `utc_s`, `boot` and `machine_s` are the `Moment` of its writing."""
+    """Stored record; `utc_s`, `boot` and `machine_s` are the `Moment` of its writing."""
 
     utc_s: float
     modes: ModeState
@@ -58,7 +58,7 @@ class Resume(msgspec.Struct, frozen=True):
     orbit: OrbitState = OrbitState()
     fence_enabled: bool | None = None
     home: Home | None = None
-    water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
+    water: tuple[float, float, float] | None = None  # current north and east, speed; None: expected values
     place: LastPosition | None = None
     boot: str = ""
     machine_s: float = 0.0
@@ -66,44 +66,46 @@ class Resume(msgspec.Struct, frozen=True):
 
 def resume_of(state: State, now: Moment) -> Resume:
     """Return the record of a state."""
-    # As the next tick will apply it: a command is stored before that.
-    nav = apply_changes(state.guidance, state.modes, state.plans)
+    # A command is stored before the next tick applies it, so the guidance of that tick is stored.
+    guidance_state = apply_changes(state.guidance, state.modes, state.plans)
     return Resume(
         now.utc_s,
         replace(_modes_to_store(state), stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
-        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
-        nav.task,
-        nav.follower.arrived,
-        _line_at_start(nav.follower.line),
-        OrbitState(None, _rounded(nav.follower.orbit.turned_rad, TURNED_STEP_RAD)),
-        nav.fence_enabled,
+        replace(
+            guidance_state.mission,
+            elapsed_s=_round_down(guidance_state.mission.elapsed_s, ELAPSED_STEP_S),
+            idle_items=0,
+        ),
+        guidance_state.task,
+        guidance_state.follower.arrived,
+        _line_at_start(guidance_state.follower.line),
+        OrbitState(None, _round_down(guidance_state.follower.orbit.turned_rad, TURNED_STEP_RAD)),
+        guidance_state.fence_enabled,
         state.home,
         _expected_water(state),
-        last_position.of_state(state.position, state.heading_estimator.water),
+        last_position.make_last_position(state.position, state.heading_estimator.water),
         now.boot,
         now.machine_s,
     )
 
 
 def _modes_to_store(state: State) -> ModeState:
-    """Return mode and goal; during a failsafe that always resumes, those before it."""
+    """Return the mode state; during a failsafe that always resumes, with mode and goal before it."""
     supervisor = state.supervisor
-    fault, before = (
-        supervisor.failsafe.fault,
-        supervisor.mode_after_failsafe(resume=bool(state.parameters["FS_RESUME"])),
-    )
-    if fault is None or before is None or not TABLE[fault].always_resumes:
+    fault = supervisor.failsafe.fault
+    interrupted = supervisor.mode_after_failsafe(resume=bool(state.parameters["FS_RESUME"]))
+    if fault is None or interrupted is None or not TABLE[fault].always_resumes:
         return state.modes
-    return replace(state.modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
+    return replace(state.modes, mode=interrupted.mode, goal=interrupted.goal, by_failsafe=interrupted.by_failsafe)
 
 
 def _expected_water(state: State) -> tuple[float, float, float]:
     north_m_s, east_m_s, speed_m_s, _ = water.guidance_values(state.heading_estimator.water)
     step = CURRENT_STEP_M_S
-    return _rounded(north_m_s, step), _rounded(east_m_s, step), _rounded(speed_m_s, step)
+    return _round_down(north_m_s, step), _round_down(east_m_s, step), _round_down(speed_m_s, step)
 
 
-def _rounded(value: float, step: float) -> float:
+def _round_down(value: float, step: float) -> float:
     return math.floor(value / step) * step
 
 
@@ -113,16 +115,16 @@ def to_bytes(resume: Resume) -> bytes:
 
 
 def from_bytes(data: bytes) -> tuple[Resume, tuple[str, ...]]:
-    """Return a stored record and notes on ignored parts; ValueError if it is incomplete or holds invalid numbers."""
+    """Return a stored record and notes on ignored parts; ValueError if it is incomplete or has invalid numbers."""
     resume, notes = record_codec.decode(Resume, data, VERSION)
-    line = resume.line  # only start and tries are used
+    line = resume.line  # of which only start and tries are used
     if not _is_finite(replace(resume, line=None)) or (line is not None and not _is_finite(line.start)):
         raise ValueError("it holds a number that is not finite")
     return resume, notes
 
 
 def _line_at_start(line: LineState | None) -> LineState | None:
-    """Return the stored part of line following: start and tries."""
+    """Return the part of the line state that is stored: start and tries."""
     return None if line is None else LineState(line.start, tries=line.tries)
 
 
@@ -135,56 +137,55 @@ def _is_finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
-def _within_boot_s(resume: Resume, now: Moment) -> float | None:
-    """Return the age of the record, None if the computer has rebooted since."""
+def _age_by_boot_s(resume: Resume, now: Moment) -> float | None:
+    """Return the age of the record by the monotonic clock; None if the computer has rebooted since then."""
     is_same = now.boot and resume.boot == now.boot and resume.machine_s <= now.machine_s
     return now.machine_s - resume.machine_s if is_same else None
 
 
-def _by_calendar_s(resume: Resume, now: Moment) -> float | None:
-    """Return the age of the record by the calendar clock, None if that cannot be right."""
+def _age_by_calendar_s(resume: Resume, now: Moment) -> float | None:
+    """Return the age of the record by the calendar clock; None if it is impossible."""
     age_s = now.utc_s - resume.utc_s
     return age_s if 0.0 <= age_s < 3.2e8 else None
 
 
 def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, ...]]:
-    """Return the start state resumed from a stored record, and notes on ignored parts, which the greeting mentions.
+    """Return the start state with the stored record applied, and notes on ignored parts.
 
-    Raises ValueError for data that are no record.
+    `greeting` reports the result. Raise ValueError if the data are not a record.
     """
     level = int(state.parameters["BOOT_RESUME"])
-    if level == NOTHING:
+    if level == OFF:
         return state, ()
     resume, notes = from_bytes(data)
-    elapsed_s = _within_boot_s(resume, now)
-    age_s = _by_calendar_s(resume, now) if elapsed_s is None else elapsed_s
+    elapsed_s = _age_by_boot_s(resume, now)
+    age_s = _age_by_calendar_s(resume, now) if elapsed_s is None else elapsed_s
     if age_s is not None and age_s > 3600.0 * state.parameters["BOOT_RESUME_H"]:
-        return replace(state, greeting=f"Not resumed: {_age_text(age_s)} old"), notes
+        return replace(state, greeting=f"Not resumed: {_format_age(age_s)} old"), notes
     if resume.place is not None:
         try:
-            state = replace(state, position=last_position.restored(resume.place, elapsed_s))
+            state = replace(state, position=last_position.restore(resume.place, elapsed_s))
         except ValueError as error:
             notes += (f"Resume.place ignored: {error}",)
             resume = replace(resume, place=None)
-    armed = resume.modes.armed if level == ALL else state.modes.armed
+    is_armed = resume.modes.armed if level == ALL else state.modes.armed
     expected = resume.water if resume.place is None else last_position.water_of(resume.place)
     follower = TaskFollowerState(resume.task, resume.arrived, _line_at_start(resume.line), orbit=resume.orbit)
-    nav = GuidanceState(
+    guidance_state = GuidanceState(
         resume.modes.mode,
-        resume.modes.armed and armed,
+        resume.modes.armed and is_armed,
         resume.mission,
         resume.task,
         follower,
         fence_enabled=resume.fence_enabled,
     )
-    halted = ", paused" if resume.modes.mode is Mode.AUTO and is_halted(resume.mission) else ""
-    greeting = (
-        f"Resumed {resume.modes.mode.name}{halted}, {'age unknown' if age_s is None else _age_text(age_s) + ' old'}"
-    )
+    paused_text = ", paused" if resume.modes.mode is Mode.AUTO and is_halted(resume.mission) else ""
+    age_text = "age unknown" if age_s is None else f"{_format_age(age_s)} old"
+    greeting = f"Resumed {resume.modes.mode.name}{paused_text}, {age_text}"
     state = replace(
         state,
-        modes=replace(resume.modes, armed=armed),
-        guidance=nav,
+        modes=replace(resume.modes, armed=is_armed),
+        guidance=guidance_state,
         home=resume.home,
         heading_estimator=state.heading_estimator
         if expected is None
@@ -194,7 +195,7 @@ def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, .
     return state, notes
 
 
-def _age_text(seconds: float) -> str:
+def _format_age(seconds: float) -> str:
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"

@@ -17,7 +17,7 @@ MAX_SHAFT_RAD: Final = 2.0 * math.pi  # larger feedback is invalid
 class RudderSettings(msgspec.Struct, frozen=True):
     """Linkage between servo and rudder, and limits of angle and rate.
 
-    `hold_s` is the time for which the rudder is held without a heading; `released_disarmed`: the servo has no torque
+    `hold_s`: time for which the command is constant without a heading. `released_disarmed`: the servo has no torque
     while disarmed.
     """
 
@@ -38,7 +38,7 @@ class RudderSettings(msgspec.Struct, frozen=True):
 
 
 class RudderState(msgspec.Struct, frozen=True):
-    """Last commanded rudder angle, last servo feedback, and time of the last detected servo restart."""
+    """Last rudder command, last servo feedback, number of servo restarts and time of the last one."""
 
     command_rad: float = 0.0
     feedback: RudderFeedback | None = None
@@ -47,12 +47,12 @@ class RudderState(msgspec.Struct, frozen=True):
 
     @property
     def feedback_s(self) -> float | None:
-        """Time of the last feedback, None before the first."""
+        """Time of the last feedback; None before the first."""
         return None if self.feedback is None else self.feedback.t_s
 
 
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
-    """Update with the feedback of a tick; return state and rudder status."""
+    """Return the state updated with the feedback of a tick, and the rudder status."""
     now_s = inputs.tick.t_s
     if inputs.rudder:
         newest = inputs.rudder[-1]
@@ -66,14 +66,14 @@ def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool)
     if feedback is None:
         return RudderStatus(now_s, state.command_rad, state.command_rad)
     shaft_rad, power_w = feedback.shaft_rad, None
-    measured = shaft_rad is not None and abs(shaft_rad) <= MAX_SHAFT_RAD
+    is_measured = shaft_rad is not None and abs(shaft_rad) <= MAX_SHAFT_RAD
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
     return RudderStatus(
         now_s,
         state.command_rad,
-        linkage.to_rudder(shaft_rad) if shaft_rad is not None and measured else state.command_rad,
-        measured=measured,
+        linkage.to_rudder(shaft_rad) if shaft_rad is not None and is_measured else state.command_rad,
+        measured=is_measured,
         is_new=is_new,
         feedback_s=feedback.t_s,
         torque_on=feedback.torque_on,

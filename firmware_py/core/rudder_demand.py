@@ -1,4 +1,4 @@
-"""Rudder angle demanded by mode and faults, before any limit."""
+"""Rudder demand by mode and faults, before the limits."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
 
 
-def rudder_demand(
+def compute_rudder_demand(
     settings: Settings, state: State, target: SteeringTarget, gain_reduction: float, now_s: float, step_s: float
 ) -> tuple[float, LawState]:
-    """Return the demand and the state of the heading controller, IDLE while it does not steer."""
+    """Return the rudder demand [rad] and the state of the heading controller (IDLE while it does not steer)."""
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:
@@ -39,5 +39,5 @@ def rudder_demand(
         controller, demand_rad = heading_controller.update(settings.controller, state.controller, controller_input)
         return demand_rad, controller
     lost_s = state.fault_latch.since_s[Fault.COMPASS_LOST]
-    held = lost_s is None or now_s - lost_s <= settings.rudder.hold_s
-    return (command_rad if held else 0.0), IDLE
+    is_held = lost_s is None or now_s - lost_s <= settings.rudder.hold_s
+    return (command_rad if is_held else 0.0), IDLE

@@ -1,6 +1,6 @@
-"""State of the autopilot between ticks, and its settings.
+"""State and settings of the autopilot.
 
-Each module owns and writes one record of `State` and one of `Settings`, of the same name.
+Each module has one record in `State` and one in `Settings`, with the same name, and only it changes its record.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Settings(msgspec.Struct, frozen=True):
 
 @functools.lru_cache(maxsize=4)
 def settings_of(parameters: ParameterSet) -> Settings:
-    """Return the settings for a set of parameters; cached."""
+    """Return the settings for a set of parameters, from a cache."""
     return Settings(
         heading_estimator=HeadingEstimatorSettings.of(parameters),
         position=PositionSettings.of(parameters),
@@ -78,7 +78,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
 class State(msgspec.Struct, frozen=True):
     """State of the autopilot between ticks.
 
-    `home` is set by requests, the first fix and the mission. `greeting` is a message of the first tick.
+    `home` is set by requests, the first fix and the mission. `greeting` is a message that the first tick sends.
     """
 
     parameters: ParameterSet = ParameterSet()
@@ -114,7 +114,7 @@ class State(msgspec.Struct, frozen=True):
 
 
 def parameters_in_force(state: State) -> ParameterSet:
-    """Return the parameters in force: the set values, modified by power saving."""
+    """Return the parameters in force: the values that are set, except for those that power saving replaces."""
     faults = state.fault_latch.active
     if not faults:
         return state.parameters
@@ -122,7 +122,7 @@ def parameters_in_force(state: State) -> ParameterSet:
 
 
 def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:
-    """Return the timeouts of the compasses and of the course over ground, by their sample intervals."""
+    """Return the time-outs of the compasses and of the fixes, by their sample intervals."""
     limits = settings.freshness
     a_interval_s, b_interval_s = devices.compass_interval_s
     return HeadingTimeouts(
@@ -148,7 +148,7 @@ def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, no
 
 
 def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situation:
-    """Return the inputs of decisions on modes and goals."""
+    """Return the situation in which requests for modes and goals are decided."""
     heading = state.heading_estimator.heading
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
@@ -156,7 +156,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         water=heading_estimator.water_report(state.heading_estimator),
         position_ok=freshness.position is Age.FRESH,
         dead_reckoning_sd_m=_dead_reckoning_sd_m(settings, state, freshness),
-        # Any feedback counts: some servos report no angle without torque.
+        # Feedback without an angle is sufficient, because some servos report no angle without torque.
         rudder_ok=freshness.rudder is Age.FRESH,
         mission_ok=bool(state.plans.mission.items),
         home_ok=state.home is not None or bool(state.plans.rally.items),
@@ -166,7 +166,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
 
 
 def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
-    """Return the position error under dead reckoning; None if it is not used."""
+    """Return the standard deviation of dead reckoning [m]; None if dead reckoning is not used."""
     place = state.position
     if freshness.position is not Age.OLD or place.dead_reckoning is None or not state.modes.armed:
         return None
@@ -176,18 +176,18 @@ def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness)
 
 
 def situation_at(state: State, now_s: float) -> Situation:
-    """Return the inputs of decisions between two ticks."""
+    """Return the situation between two ticks."""
     settings = settings_of(parameters_in_force(state))
     timeouts = heading_timeouts_of(settings, state.devices)
     return situation_of(settings, state, freshness_of(settings, state, timeouts, now_s))
 
 
 def first_item(state: State) -> int:
-    """Return the number of the first mission item as the operator counts."""
+    """Return the number of the first mission item as the ground station counts."""
     return first_item_number(int(state.parameters["LNK_IDENTITY"]), PlanKind.MISSION)
 
 
 def fence_enabled(settings: Settings, state: State) -> bool:
-    """Return whether the fence is enabled: by the last command, else by the parameter."""
+    """Return whether the fence is enabled, by the last command or, without a command, by the parameter."""
     enabled = state.guidance.fence_enabled
     return settings.fence_enabled if enabled is None else enabled

@@ -1,7 +1,8 @@
-"""Encode and decode the state between ticks as text, bit for bit: the checkpoints of the log.
+"""Encode and decode the state between ticks as text, bit for bit, for the checkpoints of the log.
 
-Faults and parameters are written by name. A new fault was never set; an unknown one is ignored and reported. A
-parameter that is missing or no longer valid takes its default. Other fields, and renaming: common/record_codec.py.
+Faults and parameters are written by name. A fault that is missing is not active; an unknown one is ignored and
+reported. A parameter that is missing or no longer valid takes its default. common/record_codec.py decodes other fields,
+and renamed ones.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import Fault
 from firmware_py.safety.failsafe import FailsafeState
 
-VERSION: Final = 9  # of the records of State; early development versions had 1 to 6
+VERSION: Final = 9  # of the records in State; early development versions had 1 to 6
 
 
 def state_to_text(state: State) -> str:
@@ -42,21 +43,21 @@ def state_from_text(text: str) -> tuple[State, tuple[str, ...]]:
 
 
 def _name_times(plain: dict[str, Any], *fields: str) -> None:
-    """Replace a list of times by a dictionary by fault name."""
+    """Replace lists of times by dictionaries with fault names as keys, in place."""
     for field in fields:
         times = plain[field]
         plain[field] = {fault.name: times[fault] for fault in Fault if times[fault] is not None}
 
 
 def _name_bits(plain: dict[str, Any], *fields: str) -> None:
-    """Replace a bit field by a list of fault names."""
+    """Replace bit fields by lists of fault names, in place."""
     for field in fields:
         bits = plain[field]
         plain[field] = [fault.name for fault in Fault if bits >> fault & 1]
 
 
-def _known(names: Iterable[Any], location: Location) -> list[Fault]:
-    """Return the faults with these names; report unknown names."""
+def _known_faults(names: Iterable[Any], location: Location) -> list[Fault]:
+    """Return the faults with these names; unknown names are reported."""
     faults = []
     for name in names:
         if isinstance(name, str) and name in Fault.__members__:
@@ -67,22 +68,24 @@ def _known(names: Iterable[Any], location: Location) -> list[Fault]:
 
 
 def _number_times(plain: dict[str, Any], location: Location, *fields: str) -> None:
+    """Replace dictionaries with fault names as keys by lists of times, in place."""
     for field in fields:
-        named = plain.get(field)
-        if isinstance(named, dict):
+        by_name = plain.get(field)
+        if isinstance(by_name, dict):
             times: list[Any] = [None] * len(Fault)
-            for fault in _known(named, location.below(field)):
-                times[fault] = named[fault.name]
+            for fault in _known_faults(by_name, location.below(field)):
+                times[fault] = by_name[fault.name]
             plain[field] = times
         elif field in plain:
             plain[field] = None  # refused by the decoder
 
 
 def _number_bits(plain: dict[str, Any], location: Location, *fields: str) -> None:
+    """Replace lists of fault names by bit fields, in place."""
     for field in fields:
         names = plain.get(field)
         if isinstance(names, list):
-            plain[field] = sum(1 << fault for fault in set(_known(names, location.below(field))))
+            plain[field] = sum(1 << fault for fault in set(_known_faults(names, location.below(field))))
         elif field in plain:
             plain[field] = None  # refused by the decoder
 
@@ -95,7 +98,7 @@ def _prepare_latch(plain: dict[str, Any], location: Location) -> None:
 def _prepare_failsafe(plain: dict[str, Any], location: Location) -> None:
     _number_bits(plain, location, "active", "calling")
     if (name := plain.get("fault")) is not None:
-        plain["fault"] = next(iter(_known([name], location.below("fault"))), None)
+        plain["fault"] = next(iter(_known_faults([name], location.below("fault"))), None)
 
 
 def _prepare_parameters(plain: Any, location: Location) -> None:

@@ -1,7 +1,7 @@
 """One tick as a pure function: estimate, faults, failsafe, guidance, control, rudder limits, torque.
 
-`step(state, inputs)` reads no clock and does no I/O, so that the loop, the tests and the replay of a log compute the
-same rudder command, bit for bit.
+`step` reads no clock and does no I/O, so that the loop, the tests and the replay of a log compute the same rudder
+command, bit for bit.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
-from firmware_py.control.rudder_limit import limited_command
+from firmware_py.control.rudder_limit import limit_command
 from firmware_py.core.accept import accept
 from firmware_py.core.estimate_step import estimate
 from firmware_py.core.fault_conditions import fault_input
-from firmware_py.core.rudder_demand import rudder_demand
+from firmware_py.core.rudder_demand import compute_rudder_demand
 from firmware_py.core.snapshot import snapshot_of
 from firmware_py.core.state import (
     Settings,
@@ -49,10 +49,10 @@ from firmware_py.safety.supervisor import SupervisorState
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     """Compute one tick: the next state, the rudder command, the snapshot and the events."""
-    before, now_s = state, inputs.tick.t_s
-    state, overruled = _accept_requests(state, inputs.requests)
+    previous, now_s = state, inputs.tick.t_s
+    state, is_overruled = _accept_requests(state, inputs.requests)
     settings = settings_of(parameters_in_force(state))
-    step_s = before.timing.step_s(now_s)
+    step_s = previous.timing.step_s(now_s)
 
     state, rudder, estimate_events = estimate(settings, state, inputs)
     state = _monitor_rudder(settings, state, rudder, step_s)
@@ -69,33 +69,35 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     situation = situation_of(settings, state, freshness)
 
     supervised, modes, failsafe_events = supervisor.apply_failsafe(
-        settings.supervisor, state.supervisor, state.modes, faults.active, situation, overruled=overruled
+        settings.supervisor, state.supervisor, state.modes, faults.active, situation, overruled=is_overruled
     )
     modes = update_goal(settings.guidance, modes, situation, now_s, step_s)
     if supervised is not state.supervisor or modes is not state.modes:
         state = replace(state, supervisor=supervised, modes=modes)
 
     state = _guide(settings, state, situation, inputs)
-    mission_events = guidance_reports.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
+    mission_events = guidance_reports.mission_events(
+        previous.guidance.mission, state.guidance.mission, first_item(state)
+    )
     target = steering_target(modes, state.guidance.status, situation)
     state, target, aside_events = avoid_vessels(settings, state, target, situation, now_s)
     supervised = _judge_steering(settings, state, rudder, target, situation)
 
     state, command = _steer(settings, state, supervised, situation, rudder, target, step_s)
-    lost = (faults.active & ~before.fault_latch.active) >> Fault.POSITION_LOST & 1
+    is_position_lost = (faults.active & ~previous.fault_latch.active) >> Fault.POSITION_LOST & 1
     guidance_events = (
         *mission_events,
-        *guidance_reports.fence_events(before.guidance, state.guidance, state.plans),
-        *guidance_reports.circle_events(settings.guidance.tasks, before.guidance, state.guidance),
+        *guidance_reports.fence_events(previous.guidance, state.guidance, state.plans),
+        *guidance_reports.circle_events(settings.guidance.tasks, previous.guidance, state.guidance),
         *guidance_reports.dead_reckoning_events(
-            before.guidance.follower,
+            previous.guidance.follower,
             state.guidance.follower,
-            begins=bool(lost and situation.dead_reckoning_sd_m is not None),
+            begins=bool(is_position_lost and situation.dead_reckoning_sd_m is not None),
         ),
     )
     vessel_events = (*vessel_events, *aside_events)
     events = (
-        *_change_events(before, state),
+        *_change_events(previous, state),
         *estimate_events,
         *fault_events,
         *failsafe_events,
@@ -106,31 +108,31 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
 
 
 def _accept_requests(state: State, requests: Sequence[Request]) -> tuple[State, bool]:
-    """Apply the requests of a tick; return whether one of them overrules an active failsafe."""
-    overruled = False
+    """Apply the requests of a tick; return the state, and whether one of them overrules an active failsafe."""
+    is_overruled = False
     for request in requests:
         state, answer = accept(state, request)
-        overruled |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, supervisor.OVERRULING)
-    return state, overruled
+        is_overruled |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, supervisor.OVERRULING)
+    return state, is_overruled
 
 
 def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step_s: float) -> State:
     """Update the rudder monitor and the energy meter."""
-    held = _rudder_held(settings, state, rudder.t_s)
-    engaged = held and not state.torque_release.released and rudder.torque_on is not False
+    needs_torque = _needs_torque(settings, state, rudder.t_s)
+    is_engaged = needs_torque and not state.torque_release.is_released and rudder.torque_on is not False
     return replace(
         state,
-        supervisor=supervisor.update(settings.supervisor, state.supervisor, rudder, engaged=engaged),
+        supervisor=supervisor.update(settings.supervisor, state.supervisor, rudder, is_engaged=is_engaged),
         energy_meter=energy_meter.update(state.energy_meter, rudder, step_s),
     )
 
 
 def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> State:
-    """Advance guidance by a tick."""
+    """Return the state after the guidance of a tick."""
     heading_rad, motion = situation.heading_rad, None
     if situation.place_known and situation.water is not None:
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
-        # After a loss of the heading, the predicted heading is still the best estimate of the motion.
+        # Without a heading, the predicted heading is the best estimate for the motion.
         heading_rad = state.heading_estimator.heading.heading_rad
         motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.dead_reckoning_sd_m or 0.0)
     guidance_input = GuidanceInput(
@@ -153,19 +155,19 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
 def _judge_steering(
     settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation
 ) -> SupervisorState:
-    """Update the monitors of steering, limit cycle and heading convergence.
+    """Return the supervisor state after the monitors of steering, limit cycle and heading convergence.
 
     The steering monitor needs an armed boat and a servo that responds. A limit cycle is possible only in modes in which
     the heading controller steers.
     """
-    armed, estimator = state.modes.armed, state.heading_estimator
+    is_armed, estimator = state.modes.armed, state.heading_estimator
     tick, water_state = estimator.tick, estimator.water
-    started, heading_sd_rad = heading_filter.has_started(tick.filter), heading_tick.heading_sd(tick)
+    has_started, heading_sd_rad = heading_filter.has_started(tick.filter), heading_tick.heading_sd(tick)
     speed_m_s = water.model_speed(water_state)
     diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(tick)
     steering = SteeringInput(
         rudder_rad=rudder.angle_rad,
-        heading_rad=or_nan(situation.heading_rad if armed and situation.rudder_ok else None),
+        heading_rad=or_nan(situation.heading_rad if is_armed and situation.rudder_ok else None),
         heading_sd_rad=heading_sd_rad,
         speed_m_s=speed_m_s,
         error_rad=or_nan(target.error_rad),
@@ -173,9 +175,9 @@ def _judge_steering(
         diffusion_rad2_s=diffusion_rad2_s,
         trim_rad=trim_rad,
     )
-    controlled = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
+    is_controlled = is_armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
     oscillation = OscillationInput(
-        or_nan(target.error_rad if controlled and started else None),
+        or_nan(target.error_rad if is_controlled and has_started else None),
         or_nan(target.heading_rad),
         heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
@@ -196,22 +198,22 @@ def _steer(
     target: SteeringTarget,
     step_s: float,
 ) -> tuple[State, RudderCommand]:
-    """Compute the servo command from the target; the supervisor can override it."""
+    """Return the state and the servo command for the target; the supervisor can override the demand."""
     now_s = rudder.t_s
     gain_reduction = supervised.oscillation.gain_reduction
-    demand_rad, controller = rudder_demand(settings, state, target, gain_reduction, now_s, step_s)
+    demand_rad, controller = compute_rudder_demand(settings, state, target, gain_reduction, now_s, step_s)
     supervised, demand_rad = supervisor.limit_without_heading(
         supervised,
         demand_rad,
         rudder.command_rad,
         state.modes,
         now_s,
-        heading_ok=situation.heading_rad is not None,
+        has_heading=situation.heading_rad is not None,
     )
-    command_rad = limited_command(settings.rudder.limits, rudder.command_rad, demand_rad, step_s)
+    command_rad = limit_command(settings.rudder.limits, rudder.command_rad, demand_rad, step_s)
     command_rad = rudder_monitor.release_command(supervised.rudder_monitor, command_rad, now_s)
     torque = torque_release.update(settings.torque_release, state.torque_release, command_rad, rudder, now_s)
-    torque_on = not torque.released and _rudder_held(settings, state, now_s)
+    torque_on = not torque.is_released and _needs_torque(settings, state, now_s)
     state = replace(
         state,
         supervisor=supervised,
@@ -222,21 +224,21 @@ def _steer(
     return state, RudderCommand(settings.rudder.linkage.to_shaft(command_rad), torque_on)
 
 
-def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:
-    """Return whether the servo needs torque: armed, not released while disarmed, or moved on the bench."""
+def _needs_torque(settings: Settings, state: State, now_s: float) -> bool:
+    """Return whether the servo needs torque: while armed, without RUD_DISARMED, or during a bench command."""
     return state.modes.armed or not settings.rudder.released_disarmed or live_bench(state.modes, now_s) is not None
 
 
-def _change_events(before: State, after: State) -> tuple[Event, ...]:
-    """Return the events of mode, arming, start, and heading convergence."""
-    first = before.timing.started_s is None
+def _change_events(previous: State, current: State) -> tuple[Event, ...]:
+    """Return the events of start, mode, arming and heading convergence."""
+    is_first_tick = previous.timing.started_s is None
     events: list[Event] = []
-    if first or before.modes.mode is not after.modes.mode:
-        events.append(Event(Severity.INFO, f"Mode {after.modes.mode.name}"))
-    if first and after.greeting:
-        events.append(Event(Severity.NOTICE, after.greeting))
-    if before.modes.armed is not after.modes.armed:
-        events.append(Event(Severity.NOTICE, "Armed" if after.modes.armed else "Disarmed"))
-    if after.supervisor.convergence.not_converging and not before.supervisor.convergence.not_converging:
+    if is_first_tick or previous.modes.mode is not current.modes.mode:
+        events.append(Event(Severity.INFO, f"Mode {current.modes.mode.name}"))
+    if is_first_tick and current.greeting:
+        events.append(Event(Severity.NOTICE, current.greeting))
+    if previous.modes.armed is not current.modes.armed:
+        events.append(Event(Severity.NOTICE, "Armed" if current.modes.armed else "Disarmed"))
+    if current.supervisor.convergence.not_converging and not previous.supervisor.convergence.not_converging:
         events.append(Event(Severity.WARNING, "Rudder at limit 5 min: heading not converging"))
     return tuple(events)

@@ -10,7 +10,7 @@ MAX_STEP_S = 1.0
 
 
 class TickTiming(msgspec.Struct, frozen=True):
-    """Times of the first and the last tick, number of skipped ticks, and time of the last skip."""
+    """Times of the first and the last tick, number of skipped ticks, and time of the last skipped tick."""
 
     started_s: float | None = None
     t_s: float = 0.0
@@ -18,12 +18,12 @@ class TickTiming(msgspec.Struct, frozen=True):
     skipped_t_s: float | None = None
 
     def step_s(self, now_s: float) -> float:
-        """Return the time since the last tick, 0 before the first, at most MAX_STEP_S."""
+        """Return the time since the last tick, at most MAX_STEP_S; 0 before the first tick."""
         return min(max(0.0, now_s - self.t_s), MAX_STEP_S) if self.started_s is not None else 0.0
 
 
 def update(state: TickTiming, tick: Tick) -> TickTiming:
-    """Count a tick."""
+    """Return the timing after a tick."""
     return TickTiming(
         started_s=tick.t_s if state.started_s is None else state.started_s,
         t_s=tick.t_s,

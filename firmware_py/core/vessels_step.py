@@ -26,37 +26,39 @@ from firmware_py.modes import Situation, heading_in_water
 def watch_vessels(
     settings: Settings, state: State, inputs: Inputs, freshness: Freshness
 ) -> tuple[State, tuple[Event, ...]]:
-    """Enter AIS reports and check for approaching vessels; no computation without AIS."""
+    """Return the state updated with AIS reports and approaching vessels, and the events; unchanged without AIS."""
     if not (inputs.vessels or inputs.devices or state.traffic.vessels):
         return state, ()
     now_s = inputs.tick.t_s
     traffic_state, events = traffic.receiver_events(state.traffic, inputs.devices, now_s)
     if inputs.vessels or traffic_state.vessels:
-        own = None
+        own_motion = None
         if state.position.fix is not None and freshness.position is Age.FRESH:
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
             velocity_m_s = water.over_ground_m_s(estimator.water, or_nan(heading_rad))
-            own = OwnMotion(place, velocity_m_s, *_own_ways_m_s(state))
-        traffic_state, more = traffic.update(settings.traffic, traffic_state, inputs.vessels, own, now_s)
-        events = (*events, *more)
+            own_motion = OwnMotion(place, velocity_m_s, *_courses_m_s(state))
+        traffic_state, update_events = traffic.update(
+            settings.traffic, traffic_state, inputs.vessels, own_motion, now_s
+        )
+        events = (*events, *update_events)
     return (state if traffic_state is state.traffic else replace(state, traffic=traffic_state)), events
 
 
 def avoid_vessels(
     settings: Settings, state: State, target: SteeringTarget, situation: Situation, now_s: float
 ) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
-    """Return the avoidance heading while a vessel is near, else the target unchanged."""
+    """Return the state, the target with the avoidance heading if a vessel is near, and the events."""
     modes, water_report = state.modes, situation.water
     if not (settings.aside.enabled and state.traffic.near and modes.armed and MODES[modes.mode].follows_task):
-        return _own_way(state, target)
+        return _end_avoidance(state, target)
     heading_rad = situation.heading_rad
     if target.heading_rad is None or heading_rad is None or not situation.position_ok or water_report is None:
-        return _own_way(state, target)
-    if water_report.too_strong:  # the boat cannot make way against the current
-        return _own_way(state, target)
-    followed = _followed_line(state.guidance)
+        return _end_avoidance(state, target)
+    if water_report.too_strong:  # the boat cannot leave its track
+        return _end_avoidance(state, target)
+    line = _followed_line(state.guidance)
     aside_input = AsideInput(
         t_s=now_s,
         unchanged_rad=target.heading_rad,
@@ -67,7 +69,7 @@ def avoid_vessels(
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
-        line=None if followed is None else LineAhead(*followed, heading_in_water(followed[1], water_report)),
+        line=None if line is None else LineAhead(*line, heading_in_water(line[1], water_report)),
     )
     aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, aside_input)
     state = replace(state, aside=aside)
@@ -84,21 +86,22 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
     return status.cross_track_m, line.start.distance_and_bearing(status.target)[1]
 
 
-def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
-    """Return the velocities on the unchanged course and, off a line, back to it; empty without avoidance."""
+def _courses_m_s(state: State) -> tuple[Velocity, ...]:
+    """Return the velocities on the original course and, off a line, on that back to it; empty without avoidance."""
     water_state, way_rad = state.heading_estimator.water, state.aside.way_rad
-    followed, target = _followed_line(state.guidance), state.guidance.status.heading_target
+    line, target = _followed_line(state.guidance), state.guidance.status.heading_target
     if way_rad is None:
         return ()
-    if followed is None or target is None:
+    if line is None or target is None:
         return (water.over_ground_m_s(water_state, way_rad),)
     north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(water_state)
-    courses = followed[1], target.angle_rad
-    headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
+    courses = line[1], target.angle_rad
+    headings = [heading_for_course(course_rad, speed_m_s, north_m_s, east_m_s, leeway_rad) for course_rad in courses]
     return tuple(water.over_ground_m_s(water_state, heading_rad) for heading_rad in headings)
 
 
-def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
+def _end_avoidance(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
+    """Return the state without avoidance, the unchanged target, and the event of the end."""
     if state.aside is step_aside.IDLE:
         return state, target, ()
     aside, events = step_aside.end(state.aside)
@@ -106,7 +109,7 @@ def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarge
 
 
 def report(state: State) -> Traffic | None:
-    """Return the table of vessels for reports, None before the first AIS report."""
+    """Return the vessels for log and link; None before the first AIS report."""
     table = state.traffic
     if table.checked_s is None:
         return None

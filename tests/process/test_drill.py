@@ -66,8 +66,8 @@ MUTATIONS = (
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if False else", "another failsafe"),
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
     ("estimate/sources.py", "PLATEAU_TIME_S: Final = 2.0", "PLATEAU_TIME_S: Final = 2e3", "turned by a breaking wave"),
-    ("core/estimate_step.py", "return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)",
-     "return replace(place, dead_reckoning=sailed)", "position lost on a mission"),
+    ("core/estimate_step.py", "position.predict(replace(place, dead_reckoning=advanced), now_s, over_ground_m_s)",
+     "replace(place, dead_reckoning=advanced)", "position lost on a mission"),
 )  # fmt: skip
 
 

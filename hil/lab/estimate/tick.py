@@ -23,8 +23,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, Inputs, PositionSample, RudderFeedback, Tick
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.control.law import IDLE, LawState
-from firmware_py.control.rudder_limit import limited_command
-from firmware_py.core.rudder_demand import rudder_demand
+from firmware_py.control.rudder_limit import limit_command
+from firmware_py.core.rudder_demand import compute_rudder_demand
 from firmware_py.core.state import Settings, State, settings_of
 from firmware_py.core.step import step
 from firmware_py.estimate import observer, prediction_check, water
@@ -286,11 +286,11 @@ class _Controller:
         """Take a tick."""
         target = SteeringTarget(snapshot.goal_heading_rad, snapshot.heading_error_rad)
         own = replace(state, rudder=replace(state.rudder, command_rad=self.command_rad), controller=self.controller)
-        demand_rad, self.controller = rudder_demand(
+        demand_rad, self.controller = compute_rudder_demand(
             settings, own, target, snapshot.gain_reduction, snapshot.t_s, step_s
         )
         before_rad = self.command_rad
-        self.command_rad = limited_command(settings.rudder.limits, before_rad, demand_rad, step_s)
+        self.command_rad = limit_command(settings.rudder.limits, before_rad, demand_rad, step_s)
         self.travel_rad += abs(self.command_rad - before_rad)
 
 

@@ -115,7 +115,7 @@ def autopilot_command(
     )
     limits = rudder_limit.RudderLimits(autopilot.rudder_limit_rad, autopilot.rudder_slew_rad_s, setting[DEADBAND_RAD])
     demand_rad = law.s_surface(gains, wrap_pi(goal_rad - heading_rad), yaw_rate_rad_s)
-    state[COMMAND_RAD] = rudder_limit.limited_command(limits, state[COMMAND_RAD], demand_rad, step_s)
+    state[COMMAND_RAD] = rudder_limit.limit_command(limits, state[COMMAND_RAD], demand_rad, step_s)
     return float(state[COMMAND_RAD])
 
 

@@ -187,7 +187,7 @@ def steer(a: Autopilot, control: ControlState, seen: TickEstimate, now_s: float)
     elif steered and seen.started:
         demand_rad = law.s_surface(boat.fixed_gains, state.error_rad, state.rate_rad_s)
     limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
-    state.command_rad = rudder_limit.limited_command(limits, state.command_rad, demand_rad, step_s)
+    state.command_rad = rudder_limit.limit_command(limits, state.command_rad, demand_rad, step_s)
     state.before_s = now_s
     return ControlState(law_state, cycle, steering)
 

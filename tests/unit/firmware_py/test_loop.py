@@ -33,7 +33,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Severity,
 )
-from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
+from firmware_py.core.autopilot import MAX_PENDING, Autopilot
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
@@ -610,7 +610,7 @@ def test_the_rate_changes_with_its_parameter(boat):
 
 
 def test_a_flood_of_requests_is_refused(boat):
-    verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
+    verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(MAX_PENDING)}
     assert verdicts == {Verdict.ACCEPTED}
     assert boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
 

@@ -1,4 +1,4 @@
-"""A compass swing: progress, proposal, and no effect on the tick."""
+"""Compass swing: progress and proposal."""
 
 import pytest
 
@@ -8,11 +8,11 @@ from firmware_py.common.records import CalibrationState
 from firmware_py.core.compass_swing import CompassSwing
 from support.swing import voyage
 
-IN_FORCE = ParameterSet().replaced("CMP_DEV_B", 2.0)
+PARAMETERS = ParameterSet().replaced("CMP_DEV_B", 2.0)
 
 
-def swung(legs=20, parameters=IN_FORCE):
-    """Sail the voyage with a swing; return it, its events, and its percentages."""
+def sail_swing(legs=20, parameters=PARAMETERS):
+    """Sail a voyage with a swing; return the swing, its events and its percentages."""
     swing, events, percents = CompassSwing(), [], []
     swing.begin(parameters)
     for tick in voyage(legs=legs):
@@ -21,15 +21,15 @@ def swung(legs=20, parameters=IN_FORCE):
     return swing, events, percents
 
 
-def test_an_idle_swing_does_nothing():
+def test_idle_swing_has_no_effect():
     swing = CompassSwing()
-    assert not swing.running
-    assert not [event for tick in voyage(legs=1) for event in swing.take(tick.inputs, IN_FORCE)]
+    assert not swing.is_running
+    assert not [event for tick in voyage(legs=1) for event in swing.take(tick.inputs, PARAMETERS)]
     assert swing.report.state is CalibrationState.NONE
 
 
-def test_a_proposal_is_reported_once_with_its_uncertainty():
-    swing, events, percents = swung()
+def test_proposal_is_reported_once_with_its_uncertainty():
+    swing, events, percents = sail_swing()
     report = swing.report
     assert (report.state, report.percent) == (CalibrationState.DONE, 100)
     assert degrees(report.estimated_rad[0]) == pytest.approx(5.0, abs=0.3)
@@ -42,16 +42,16 @@ def test_a_proposal_is_reported_once_with_its_uncertainty():
     assert max(percents[: percents.index(100)]) <= 99
 
 
-def test_insufficient_data_are_reported_as_percent():
-    swing, events, _ = swung(legs=4)
+def test_progress_is_reported_while_data_are_insufficient():
+    swing, events, _ = sail_swing(legs=4)
     assert (swing.report.state, events) == (CalibrationState.RUNNING, [])
     assert 0 < swing.report.percent < 60
     assert swing.report.sectors.bit_count() <= 4
 
 
-def test_after_its_end_only_the_former_parameters_remain():
-    swing, _, _ = swung(legs=4)
+def test_only_former_parameters_remain_after_the_end():
+    swing, _, _ = sail_swing(legs=4)
     swing.end({"CMP_DEV_A": 1.0})
-    assert (swing.running, swing.report.state, swing.former) == (False, CalibrationState.NONE, {"CMP_DEV_A": 1.0})
-    swing.begin(IN_FORCE)
-    assert (swing.running, swing.former) == (True, None)
+    assert (swing.is_running, swing.report.state, swing.former) == (False, CalibrationState.NONE, {"CMP_DEV_A": 1.0})
+    swing.begin(PARAMETERS)
+    assert (swing.is_running, swing.former) == (True, None)

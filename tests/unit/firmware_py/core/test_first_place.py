@@ -1,4 +1,4 @@
-"""A receiver whose first place is wrong: what was derived from it moves or is taken again, and this is reported."""
+"""Wrong first position of a receiver: home, goal and tasks are corrected, and this is reported."""
 
 import math
 
@@ -16,8 +16,8 @@ WRONG_S, WRONG_M = 20.0, (30_000.0, -4_000.0)
 TEXT = "First GPS position wrong by "
 
 
-def boat_at_a_wrong_place(mode, *intents, **parameters):
-    """Return a boat whose receiver gave another place for its first 20 s, after the true one is believed."""
+def sail_from_wrong_position(mode, *intents, **parameters):
+    """Return a boat whose receiver has a wrong position for 20 s, after the right one is accepted."""
     boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0, **parameters)
     boat.jump_m = WRONG_M
     boat.under_way(mode, *intents)
@@ -37,33 +37,28 @@ def place_of(record):
 def test_loiter_point_home_water_and_fence_are_reset():
     expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
     fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
-    boat = boat_at_a_wrong_place(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
-    assert (
-        len(boat.times_of(TEXT))
-        == len(boat.times_of("Fence breached"))
-        == len(boat.times_of("Fence breach cleared"))
-        == 1
-    )
-    task, known = boat.state.guidance.task, boat.state.heading_estimator.water
+    boat = sail_from_wrong_position(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
+    assert [len(boat.times_of(text)) for text in (TEXT, "Fence breached", "Fence breach cleared")] == [1, 1, 1]
+    task, water = boat.state.guidance.task, boat.state.heading_estimator.water
     assert isinstance(task, HoldStation)
-    for place in (task.centre, place_of(boat.state.home), known.origin):
+    for place in (task.centre, place_of(boat.state.home), water.origin):
         assert math.hypot(*north_east_m(place)) < 100.0
     assert boat.state.guidance.fence.margin_m == pytest.approx(450.0, abs=50.0)
-    assert known.expected == expected
+    assert water.expected == expected
 
 
-@pytest.mark.parametrize("off_m", [(0.0, 0.0), (200.0, 300.0)])
-def test_a_goal_and_home_near_the_wrong_position_move_along(off_m):
-    there = placed(WRONG_M[0] + off_m[0], WRONG_M[1] + off_m[1])
-    boat = boat_at_a_wrong_place(Mode.GUIDED, SetHome(*there, 0.0), SteerPosition(*there))
+@pytest.mark.parametrize("offset_m", [(0.0, 0.0), (200.0, 300.0)])
+def test_goal_and_home_near_the_wrong_position_are_moved(offset_m):
+    position = placed(WRONG_M[0] + offset_m[0], WRONG_M[1] + offset_m[1])
+    boat = sail_from_wrong_position(Mode.GUIDED, SetHome(*position, 0.0), SteerPosition(*position))
     for moved in (boat.state.home, boat.state.modes.goal):
-        assert north_east_m(place_of(moved)) == (pytest.approx(off_m[0], abs=60.0), pytest.approx(off_m[1], abs=60.0))
+        assert north_east_m(place_of(moved)) == pytest.approx(offset_m, abs=60.0)
 
 
-def test_a_goal_and_a_home_elsewhere_stay():
-    there = placed(500.0, 300.0)
-    boat = boat_at_a_wrong_place(Mode.GUIDED, SetHome(*there, 0.0), SteerPosition(*there))
-    assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*there)
+def test_goal_and_home_elsewhere_are_not_moved():
+    position = placed(500.0, 300.0)
+    boat = sail_from_wrong_position(Mode.GUIDED, SetHome(*position, 0.0), SteerPosition(*position))
+    assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*position)
 
 
 def test_home_and_goal_return_after_a_temporary_error():
@@ -74,20 +69,17 @@ def test_home_and_goal_return_after_a_temporary_error():
         boat.run(60.0)
         assert len(boat.times_of(TEXT)) == reports
     assert math.hypot(*home.nearby_offset_m(place_of(boat.state.home))) < 100.0
-    assert north_east_m(place_of(boat.state.modes.goal)) == (
-        pytest.approx(500.0, abs=60.0),
-        pytest.approx(300.0, abs=60.0),
-    )
+    assert north_east_m(place_of(boat.state.modes.goal)) == pytest.approx((500.0, 300.0), abs=60.0)
 
 
-def test_a_jump_long_after_the_first_place_moves_nothing(monkeypatch):
+def test_jump_long_after_the_first_position_corrects_nothing(monkeypatch):
     monkeypatch.setattr("firmware_py.estimate.position.FIRST_POSITION_PHASE_S", 10.0)
-    boat = boat_at_a_wrong_place(Mode.LOITER)
+    boat = sail_from_wrong_position(Mode.LOITER)
     assert boat.times_of(TEXT) == []
     assert math.hypot(*north_east_m(boat.state.guidance.task.centre)) > 20_000.0
 
 
-def test_places_at_0_n_0_e_are_no_fixes(monkeypatch):
+def test_positions_at_0_n_0_e_are_ignored(monkeypatch):
     boat = rig.Sailing(rig.sea("calm"))
     monkeypatch.setattr(rig, "placed", lambda *_: (0.0, 0.0))
     boat.run(5.0)

@@ -1,4 +1,4 @@
-"""How old what is steered by is."""
+"""Age of heading, position and servo feedback."""
 
 import pytest
 from msgspec.structs import replace
@@ -20,18 +20,17 @@ from firmware_py.estimate.position import PositionState
         (8.99, 0.0, Age.OLD),
         (None, None, Age.AWAITED),
         (None, 9.0, Age.AWAITED),
-        (None, 8.99, Age.OLD),  # what has never come counts from the start
+        (None, 8.99, Age.OLD),  # a missing value is measured from the start
         (10.5, 0.0, Age.FRESH),
     ],
 )
-def test_an_age_is_judged_by_the_timeout(t_s, started_s, age):
+def test_age_depends_on_the_timeout(t_s, started_s, age):
     assert age_of(t_s, started_s, 10.0, 1.0) is age
 
 
-def test_each_source_has_its_own_timeout():
-    state = State.at_start(
-        ParameterSet().replaced("CMP_TIMEOUT_S", 2.0).replaced("POS_TIMEOUT_S", 9.0).replaced("RUD_TIMEOUT_S", 4.0)
-    )
+def test_each_value_has_its_own_timeout():
+    parameters = ParameterSet().replaced("CMP_TIMEOUT_S", 2.0).replaced("POS_TIMEOUT_S", 9.0)
+    state = State.at_start(parameters.replaced("RUD_TIMEOUT_S", 4.0))
     settings = settings_of(state.parameters)
     timeouts = heading_timeouts_of(settings, state.devices)
     assert freshness_of(settings, state, timeouts, 100.0) == Freshness(Age.AWAITED, Age.AWAITED, Age.AWAITED)

@@ -1,4 +1,4 @@
-"""The position that survives a restart, for dead reckoning without a receiver."""
+"""Stored position, from which dead reckoning continues after a restart."""
 
 import math
 import struct
@@ -13,7 +13,7 @@ from firmware_py.common.records import FixType, PositionSample
 from firmware_py.core import last_position
 from firmware_py.core.last_position import MAX_MOVE_M, LastPosition
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
-from firmware_py.core.resume_writer import FINE_INTERVAL_S, REFRESH_S, ResumeWriter
+from firmware_py.core.resume_writer import FINE_INTERVAL_S, MAX_AGE_S, ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate import dead_reckoning, water_results
 from firmware_py.estimate.dead_reckoning import UNUSABLE_SD_M, DeadReckoning
@@ -26,8 +26,8 @@ WATER = DeadReckoning(
     water_results.DeadReckoning(0.1, -0.05, 0.5, 0.0, (1e-4,) * 10, cosine_s=30.0, sine_s=20.0, blind_m=5.0), -40.0
 )
 LAST = LastPosition(0.6, 2.0, WATER)
-THEN = Moment(UTC_S, "a", 500.0)
-HERE = Place(0.6, 2.0)
+STORED_AT = Moment(UTC_S, "a", 500.0)
+PLACE = Place(0.6, 2.0)
 
 
 def at_sea(place):
@@ -40,30 +40,27 @@ def position_state(t_s=100.0, begun_s=60.0):
 
 
 def test_dead_reckoning_continues_with_water_and_uncertainty():
-    text = to_bytes(resume_of(at_sea(position_state()), THEN))
-    state, notes = restore(at_sea(PositionState()), text, THEN)
+    text = to_bytes(resume_of(at_sea(position_state()), STORED_AT))
+    state, notes = restore(at_sea(PositionState()), text, STORED_AT)
     assert notes == ()
-    assert last_position.at_first_tick(state.position, 7.0) == position_state(7.0, -33.0)
+    assert last_position.with_first_tick(state.position, 7.0) == position_state(7.0, -33.0)
     assert time_since_fix_s(state.position) == 40.0
-    assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
+    assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not rounded
 
 
-def test_during_the_restart_the_boat_drifts_with_an_unknown_heading():
-    state = last_position.restored(LAST, 20.0)
-    assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
+def test_position_drifts_with_the_current_during_the_restart():
+    state = last_position.restore(LAST, 20.0)
+    assert PLACE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
     assert (state.dead_reckoning.water.blind_m, time_since_fix_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
-    sure_m, unsure_m = (
-        dead_reckoning.standard_deviation_m(WATER, 60.0),
-        dead_reckoning.standard_deviation_m(state.dead_reckoning, 60.0),
-    )
-    assert unsure_m == pytest.approx(math.sqrt(sure_m**2 - 5.0**2 + 15.0**2))
+    sd_before_m, sd_m = (dead_reckoning.standard_deviation_m(w, 60.0) for w in (WATER, state.dead_reckoning))
+    assert sd_m == pytest.approx(math.sqrt(sd_before_m**2 - 5.0**2 + 15.0**2))
 
 
 @pytest.mark.parametrize(
-    "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
+    "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "set back", "set forward", "1970"]
 )
-def test_the_calendar_clock_does_not_matter_while_the_computer_runs(utc_s):
-    text = to_bytes(resume_of(at_sea(position_state()), THEN))
+def test_elapsed_time_is_by_the_monotonic_clock_without_a_reboot(utc_s):
+    text = to_bytes(resume_of(at_sea(position_state()), STORED_AT))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
     assert (time_since_fix_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
     assert state.greeting == "Resumed LOITER, 20 s old"
@@ -72,50 +69,52 @@ def test_the_calendar_clock_does_not_matter_while_the_computer_runs(utc_s):
 @pytest.mark.parametrize(
     ("stored", "now"),
     [
-        (THEN, Moment(UTC_S + 20.0, "b", 520.0)),
-        (replace(THEN, boot=""), Moment(UTC_S + 20.0, "", 520.0)),
-        (THEN, Moment(UTC_S + 20.0, "a", 480.0)),
+        (STORED_AT, Moment(UTC_S + 20.0, "b", 520.0)),
+        (replace(STORED_AT, boot=""), Moment(UTC_S + 20.0, "", 520.0)),
+        (STORED_AT, Moment(UTC_S + 20.0, "a", 480.0)),
     ],
-    ids=["no power", "unknown", "impossible"],
+    ids=["rebooted", "boot unknown", "impossible time"],
 )
-def test_the_position_error_is_unlimited_if_the_elapsed_time_is_unknown(stored, now):
+def test_position_error_is_unlimited_if_the_elapsed_time_is_unknown(stored, now):
     state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(position_state()), stored)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
     assert dead_reckoning.standard_deviation_m(state.position.dead_reckoning, 40.0) >= UNUSABLE_SD_M
-    assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
+    assert state.greeting == "Resumed LOITER, 20 s old"  # by the calendar clock
 
 
 @pytest.mark.parametrize(
-    "broken",
+    "invalid",
     [
         replace(LAST, latitude_rad=1.6),
         replace(LAST, longitude_rad=-3.2),
         replace(LAST, dead_reckoning=replace(WATER, begun_s=1.0)),
     ],
 )
-def test_an_impossible_position_is_ignored_and_reported(broken):
-    text = to_bytes(replace(resume_of(at_sea(position_state()), THEN), place=broken))
-    state, notes = restore(at_sea(PositionState()), text, THEN)
+def test_impossible_position_is_ignored_and_reported(invalid):
+    text = to_bytes(replace(resume_of(at_sea(position_state()), STORED_AT), place=invalid))
+    state, notes = restore(at_sea(PositionState()), text, STORED_AT)
     assert state.position == PositionState()
     assert notes == ("Resume.place ignored: invalid position or water data",)
     assert state.greeting.endswith(", incomplete")
 
 
 def test_no_position_is_stored_before_a_fix():
-    assert resume_of(at_sea(PositionState()), THEN).place is None
+    assert resume_of(at_sea(PositionState()), STORED_AT).place is None
 
 
-def test_a_position_without_a_heading_is_stored_with_the_expected_water():
+def test_position_without_a_heading_is_stored_with_the_expected_water():
     fix = PositionSample(0.0, FixType.FIX_3D, 0.6, 2.0)
-    place = resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), THEN).place
+    place = resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), STORED_AT).place
     assert (place.latitude_rad, place.longitude_rad) == (0.6, 2.0)
     assert last_position.water_of(place) == (0.0, 0.0, ParameterSet()["CRUISE_SPEED"])
 
 
-def test_a_record_of_water_without_its_covariance_is_as_uncertain_as_unknown_water():
-    number = struct.pack(">Bd", 0xCB, 1e-4)  # MessagePack: ten of them become nine
-    text = to_bytes(resume_of(at_sea(position_state()), THEN)).replace(b"covariance\x9a" + number, b"covariance\x99")
-    state, notes = restore(at_sea(PositionState()), text, THEN)
+def test_record_with_an_incomplete_covariance_has_that_of_unknown_water():
+    number = struct.pack(">Bd", 0xCB, 1e-4)  # MessagePack; nine numbers instead of ten
+    text = to_bytes(resume_of(at_sea(position_state()), STORED_AT)).replace(
+        b"covariance\x9a" + number, b"covariance\x99"
+    )
+    state, notes = restore(at_sea(PositionState()), text, STORED_AT)
     assert state.position.dead_reckoning.water.covariance == water_results.UNKNOWN_WATER
     assert len(notes) == 1
     assert "covariance" in notes[0]
@@ -127,24 +126,24 @@ def with_water(current_m_s, speed_m_s):
 
 
 @pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])
-def test_a_restart_on_station_moves_the_position_by_at_most_the_step(current_m_s, speed_m_s):
+def test_stored_position_differs_by_at_most_the_step(current_m_s, speed_m_s):
     writer, state = ResumeWriter(Moment(0.0, "a", 500.0)), with_water(current_m_s, speed_m_s)
     assert writer.update(state, 0.0, UTC_S)
-    kept_s = oldest_s = 0.0
-    for t_s in range(1, 2 * round(REFRESH_S) + 60):
-        oldest_s = max(oldest_s, t_s - kept_s)
+    stored_s = max_age_s = 0.0
+    for t_s in range(1, 2 * round(MAX_AGE_S) + 60):
+        max_age_s = max(max_age_s, t_s - stored_s)
         text = writer.update(state, float(t_s), UTC_S + t_s)
         if text:
-            kept_s = t_s
-            assert from_bytes(text)[0].machine_s == 500.0 + kept_s
-    fastest_m_s = current_m_s + speed_m_s
-    assert oldest_s * fastest_m_s <= MAX_MOVE_M + FINE_INTERVAL_S * fastest_m_s
-    assert oldest_s == pytest.approx(
-        FINE_INTERVAL_S * math.ceil(MAX_MOVE_M / fastest_m_s / FINE_INTERVAL_S) if fastest_m_s else REFRESH_S
+            stored_s = t_s
+            assert from_bytes(text)[0].machine_s == 500.0 + stored_s
+    max_speed_m_s = current_m_s + speed_m_s
+    assert max_age_s * max_speed_m_s <= MAX_MOVE_M + FINE_INTERVAL_S * max_speed_m_s
+    assert max_age_s == pytest.approx(
+        FINE_INTERVAL_S * math.ceil(MAX_MOVE_M / max_speed_m_s / FINE_INTERVAL_S) if max_speed_m_s else MAX_AGE_S
     )
 
 
-def test_the_record_is_written_at_the_end_and_when_a_fix_comes_or_the_clock_is_set():
+def test_record_is_written_at_the_end_and_after_a_fix_or_a_clock_change():
     writer, state = ResumeWriter(Moment(0.0, "a", 500.0)), with_water(0.0, 0.0)
     assert writer.update(state, 0.0, UTC_S)
     assert writer.update(state, FINE_INTERVAL_S + 1.0, UTC_S + 31.0) is None

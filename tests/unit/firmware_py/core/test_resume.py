@@ -1,4 +1,4 @@
-"""What outlives a restart."""
+"""Resume record: state after a restart."""
 
 import math
 
@@ -28,9 +28,9 @@ PROGRESS = MissionProgress(
 )
 
 
-def parameters(level, **more):
+def parameters(level, **others):
     values = ParameterSet().replaced("BOOT_RESUME", level)
-    for name, value in more.items():
+    for name, value in others.items():
         values = values.replaced(name, value)
     return values
 
@@ -46,15 +46,15 @@ def at_sea(level=2):
     )
 
 
-def again(state, level=2, age_s=100.0, **more):
+def restart(state, level=2, age_s=100.0, **others):
     text = to_bytes(resume_of(state, Moment(UTC_S)))
-    state, notes = restore(State.at_start(parameters(level, **more)), text, Moment(UTC_S + age_s))
+    state, notes = restore(State.at_start(parameters(level, **others)), text, Moment(UTC_S + age_s))
     assert notes == ()
     return state
 
 
 def test_mode_mission_line_and_home_are_restored():
-    state = again(at_sea())
+    state = restart(at_sea())
     assert state.modes == ModeState(Mode.AUTO, armed=True)
     assert state.guidance.mission == replace(PROGRESS, elapsed_s=90.0)
     assert state.guidance.follower.task == TASK
@@ -67,22 +67,22 @@ def test_mode_mission_line_and_home_are_restored():
 @pytest.mark.parametrize("goal", [HeadingGoal(1.25, over_ground=True), PositionGoal(0.5, -1.0)])
 def test_goals_are_restored_bit_for_bit(goal):
     state = replace(at_sea(), modes=ModeState(Mode.GUIDED, armed=True, goal=goal))
-    assert again(state).modes.goal == goal
+    assert restart(state).modes.goal == goal
 
 
-def test_arming_only_when_asked_for():
-    assert not again(at_sea(), 1).modes.armed
-    assert not again(at_sea(), 1).guidance.armed
-    assert again(at_sea(), 1, BOOT_ARM=1).modes.armed
-    assert again(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
+def test_arming_depends_on_boot_resume_and_boot_arm():
+    assert not restart(at_sea(), 1).modes.armed
+    assert not restart(at_sea(), 1).guidance.armed
+    assert restart(at_sea(), 1, BOOT_ARM=1).modes.armed
+    assert restart(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
 
 
-def test_an_old_record_is_not_resumed_and_an_impossible_age_is_unknown():
-    old = again(at_sea(), age_s=25 * 3600.0)
+def test_old_record_is_not_resumed_and_an_impossible_age_is_unknown():
+    old = restart(at_sea(), age_s=25 * 3600.0)
     assert old.modes.mode is Mode.HOLD
     assert "Not resumed" in old.greeting
-    assert "age unknown" in again(at_sea(), age_s=-1e6).greeting
-    assert again(at_sea(), age_s=-1e6).modes.mode is Mode.AUTO
+    assert "age unknown" in restart(at_sea(), age_s=-1e6).greeting
+    assert restart(at_sea(), age_s=-1e6).modes.mode is Mode.AUTO
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b'{"version":6,"$":"Resume"}', b"[[[", b"\xc0", b"\x80"])
@@ -116,17 +116,17 @@ def test_numbers_that_are_not_finite_are_refused():
             from_bytes(to_bytes(broken))
 
 
-def test_a_command_is_in_the_record_before_the_tick_applies_it():
-    """AUTO begins its mission in the tick that enters it: a start in between must do so, too."""
-    held = replace(
+def test_command_is_in_the_record_before_the_tick_applies_it():
+    """AUTO starts its mission in the tick that enters it; a restart before that tick must also start it."""
+    holding = replace(
         at_sea(), modes=ModeState(), guidance=GuidanceState(Mode.HOLD, mission=MissionProgress(PLAN.identity, 3))
     )
-    ordered = replace(held, modes=ModeState(Mode.AUTO, armed=True))
-    state = again(ordered)
+    ordered = replace(holding, modes=ModeState(Mode.AUTO, armed=True))
+    state = restart(ordered)
     assert (state.guidance.mode, state.guidance.armed) == (Mode.AUTO, True)
     assert (state.guidance.mission.started, state.guidance.mission.index) == (True, 3)
 
 
-def test_a_new_mission_resets_the_stored_progress():
+def test_new_mission_resets_the_stored_progress():
     state = replace(at_sea(), plans=Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])))
-    assert again(state).guidance.mission.index == 0
+    assert restart(state).guidance.mission.index == 0

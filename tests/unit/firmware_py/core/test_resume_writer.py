@@ -1,4 +1,4 @@
-"""Writes of the resume record: at once after commands, rate-limited otherwise."""
+"""Writes of the resume record: at once after commands, otherwise rate-limited."""
 
 import random
 
@@ -9,7 +9,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import Home
 from firmware_py.core.resume import Moment, from_bytes
-from firmware_py.core.resume_writer import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeWriter
+from firmware_py.core.resume_writer import BURST, FINE_INTERVAL_S, MAX_AGE_S, RATE_HZ, ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate.heading_estimator import with_expected_water
 from firmware_py.guidance.guidance import GuidanceState
@@ -17,7 +17,7 @@ from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.modes import HeadingGoal, ModeState
 
 UTC_S = 1.8e9
-HOURS_S = 10_000.0
+STREAM_S = 10_000.0
 
 
 def at_sea(level=2):
@@ -41,15 +41,15 @@ def with_mission(state, **changes):
     return replace(state, guidance=replace(state.guidance, mission=mission))
 
 
-class Keeping:
-    """A writer, and the number of its writes."""
+class Writes:
+    """A writer and the number of its writes; a call returns whether a record was written."""
 
     def __init__(self):
         self.writer = ResumeWriter(Moment(0.0))
         self.writes = 0
 
-    def __call__(self, t_s, state, **how):
-        text = self.writer.update(state, t_s, UTC_S + t_s, **how)
+    def __call__(self, t_s, state, **options):
+        text = self.writer.update(state, t_s, UTC_S + t_s, **options)
         self.writes += text is not None
         return text is not None
 
@@ -68,11 +68,11 @@ ORDERS = {
 
 @pytest.mark.parametrize("change", ORDERS.values(), ids=ORDERS.keys())
 def test_commands_and_decisions_are_written_in_the_same_tick(change):
-    keep, state = Keeping(), at_sea()
-    assert keep(0.0, state)
-    assert not keep(0.1, state)
-    assert keep(0.2, change(state))
-    assert not keep(0.3, change(state))
+    write, state = Writes(), at_sea()
+    assert write(0.0, state)
+    assert not write(0.1, state)
+    assert write(0.2, change(state))
+    assert not write(0.3, change(state))
 
 
 FINE = {
@@ -92,76 +92,76 @@ FINE = {
 
 @pytest.mark.parametrize("change", FINE.values(), ids=FINE.keys())
 def test_continuous_changes_are_written_at_intervals(change):
-    keep, state = Keeping(), at_sea()
-    assert keep(0.0, state)
-    assert not keep(FINE_INTERVAL_S - 0.1, change(state))
-    assert keep.writer.is_current
-    assert keep(FINE_INTERVAL_S, change(state))
-    assert not keep(2 * FINE_INTERVAL_S, state := change(state))
-    assert keep(FINE_INTERVAL_S + REFRESH_S, state)  # its age
-    assert not keep(
-        FINE_INTERVAL_S + REFRESH_S + 1.0, replace(state, modes=replace(state.modes, stick=0.5, stick_t_s=9.0))
+    write, state = Writes(), at_sea()
+    assert write(0.0, state)
+    assert not write(FINE_INTERVAL_S - 0.1, change(state))
+    assert write.writer.is_current
+    assert write(FINE_INTERVAL_S, change(state))
+    assert not write(2 * FINE_INTERVAL_S, state := change(state))
+    assert write(FINE_INTERVAL_S + MAX_AGE_S, state)  # because of its age
+    assert not write(
+        FINE_INTERVAL_S + MAX_AGE_S + 1.0, replace(state, modes=replace(state.modes, stick=0.5, stick_t_s=9.0))
     )
 
 
-def test_without_resume_nothing_is_written():
-    keep = Keeping()
+def test_nothing_is_written_with_boot_resume_0():
+    write = Writes()
     for t_s in range(10):
-        assert not keep(float(t_s), with_goal(at_sea(0), t_s), is_awaited=True)
-        assert keep.writer.is_current
-    assert keep(10.0, at_sea())
-    assert not keep(11.0, at_sea(0))
-    assert keep(12.0, at_sea())  # what lies there has aged meanwhile
+        assert not write(float(t_s), with_goal(at_sea(0), t_s), is_awaited=True)
+        assert write.writer.is_current
+    assert write(10.0, at_sea())
+    assert not write(11.0, at_sea(0))
+    assert write(12.0, at_sea())  # the stored record is outdated
 
 
-@pytest.mark.parametrize("make", [with_goal, with_mode], ids=["goals", "modes"])
+@pytest.mark.parametrize("change", [with_goal, with_mode], ids=["goals", "modes"])
 @pytest.mark.parametrize("is_awaited", [False, True], ids=["setpoints", "acknowledged"])
-def test_a_stream_costs_no_more_than_the_bound(make, is_awaited):
-    keep = Keeping()
-    for tick in range(int(HOURS_S) // 4):
-        keep(4.0 * tick, make(at_sea(), tick), is_awaited=is_awaited)
-    assert RATE_HZ * HOURS_S - 1 <= keep.writes <= BURST + RATE_HZ * HOURS_S
+def test_stream_of_changes_respects_the_rate_limit(change, is_awaited):
+    write = Writes()
+    for tick in range(int(STREAM_S) // 4):
+        write(4.0 * tick, change(at_sea(), tick), is_awaited=is_awaited)
+    assert RATE_HZ * STREAM_S - 1 <= write.writes <= BURST + RATE_HZ * STREAM_S
 
 
-def test_any_mix_of_changes_respects_the_limit_and_is_written_finally():
-    numbers, keep, state, t_s = random.Random(1), Keeping(), at_sea(), 0.0
+def test_any_mix_of_changes_respects_the_rate_limit_and_is_written_finally():
+    rng, write, state, t_s = random.Random(1), Writes(), at_sea(), 0.0
     for tick in range(6_000):
-        t_s += numbers.choice((0.0, 0.1, 1.0))
-        state = numbers.choice((with_goal, with_mode, *[lambda state, _number: state] * 2))(state, tick)
-        keep(t_s, state, is_awaited=numbers.random() < 0.3)
-    assert keep.writes <= BURST + RATE_HZ * t_s
-    if not keep.writer.is_current:
-        assert keep(t_s + 1.0 / RATE_HZ * BURST, state)
+        t_s += rng.choice((0.0, 0.1, 1.0))
+        state = rng.choice((with_goal, with_mode, *[lambda state, _number: state] * 2))(state, tick)
+        write(t_s, state, is_awaited=rng.random() < 0.3)
+    assert write.writes <= BURST + RATE_HZ * t_s
+    if not write.writer.is_current:
+        assert write(t_s + 1.0 / RATE_HZ * BURST, state)
 
 
-def test_a_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_those_for_orders():
-    keep, state = Keeping(), at_sea()
+def test_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_commands():
+    write, state = Writes(), at_sea()
     for tick in range(2000):
-        keep(0.0, with_goal(state, tick))
-    streamed = keep.writes
-    assert not keep(0.0, with_goal(state, 9999))
-    assert not keep.writer.is_current
-    assert keep(0.0, with_goal(state, 9999), is_awaited=True)
+        write(0.0, with_goal(state, tick))
+    count = write.writes
+    assert not write(0.0, with_goal(state, 9999))
+    assert not write.writer.is_current
+    assert write(0.0, with_goal(state, 9999), is_awaited=True)
     for tick in range(2000):
-        keep(0.0, with_goal(state, tick), is_awaited=True)
-    assert not keep(0.0, with_goal(state, 9999), is_awaited=True)
-    assert keep.writes > 5 * streamed
-    assert keep(0.0, with_mode(state, 1))
-    assert keep.writer.is_current
+        write(0.0, with_goal(state, tick), is_awaited=True)
+    assert not write(0.0, with_goal(state, 9999), is_awaited=True)
+    assert write.writes > 5 * count
+    assert write(0.0, with_mode(state, 1))
+    assert write.writer.is_current
 
 
-def test_a_delayed_record_holds_the_newest_values():
-    keep, state = Keeping(), at_sea()
-    while keep(0.0, with_goal(state, keep.writes)):
+def test_delayed_record_has_the_newest_values():
+    write, state = Writes(), at_sea()
+    while write(0.0, with_goal(state, write.writes)):
         pass
-    text = keep.writer.update(with_goal(state, 5), 1.0 / RATE_HZ, UTC_S)
+    text = write.writer.update(with_goal(state, 5), 1.0 / RATE_HZ, UTC_S)
     assert from_bytes(text)[0].modes.goal == HeadingGoal(5e-3)
 
 
-def test_the_last_record_is_always_written():
-    keep, state = Keeping(), at_sea()
-    assert keep(0.0, state)
-    assert not keep(1.0, with_mission(state, elapsed_s=300.0))
-    assert keep(1.0, with_mission(state, elapsed_s=300.0), last=True)
-    assert not keep(1.0, with_mission(state, elapsed_s=300.0), last=True)
+def test_last_record_is_always_written():
+    write, state = Writes(), at_sea()
+    assert write(0.0, state)
+    assert not write(1.0, with_mission(state, elapsed_s=300.0))
+    assert write(1.0, with_mission(state, elapsed_s=300.0), last=True)
+    assert not write(1.0, with_mission(state, elapsed_s=300.0), last=True)
     assert MissionProgress() == state.guidance.mission

@@ -1,4 +1,4 @@
-"""Parameters and plans that another version stored are used as far as they can be."""
+"""Parameters and plans stored by another version are used as far as possible."""
 
 import json
 
@@ -12,30 +12,30 @@ from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_
 from firmware_py.system.store import Store
 
 
-def edited(text, change):
+def edit(text, change):
     data = json.loads(text)
     change(data)
     return json.dumps(data)
 
 
-def stored(directory, name, content):
-    """A store that an earlier run has left."""
-    before = Store(directory)
-    before.save(name, content)
-    before.close()
+def open_store(directory, name, content):
+    """Return a store that contains a file of an earlier run."""
+    store = Store(directory)
+    store.save(name, content)
+    store.close()
     return Store(directory)
 
 
-def test_load_parameters_of_another_version_stay_in_the_store(tmp_path):
+def test_parameters_of_another_version_stay_in_the_store(tmp_path):
     texts = []
     text = b"CTL_K1 41\nNEW_ONE 3.5\nCTL_HOLD_S 1e+09\nno line at all\nODD_ONE nan\n"
-    store = stored(tmp_path, PARAMETER_FILE, text)
+    store = open_store(tmp_path, PARAMETER_FILE, text)
     values, unusable = load_parameters(store, texts.append)
     assert values == {"CTL_K1": 41.0}
     assert unusable == {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9}
     assert ["kept for another version" in line for line in texts] == [True, True, False, False]
     store.close()
-    store = stored(tmp_path, PARAMETER_FILE, format_file(unusable | values).encode())
+    store = open_store(tmp_path, PARAMETER_FILE, format_file(unusable | values).encode())
     assert load_parameters(store, texts.append) == (values, unusable)
     store.close()
 
@@ -43,14 +43,14 @@ def test_load_parameters_of_another_version_stay_in_the_store(tmp_path):
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 3, params=(0.0, 5.0, 0.0, 0.0), x=350000000, y=1390000000),))
 
 
-def test_an_unknown_field_of_a_plan_is_reported(tmp_path):
+def test_unknown_field_of_a_plan_is_ignored_and_reported(tmp_path):
     def change(data):
         data["plan"]["author"] = "the office"
         data["tide_m"] = 1.0
 
-    text = edited(plan_to_text(MISSION), change)
+    text = edit(plan_to_text(MISSION), change)
     assert plan_from_text(text)[0] == MISSION
-    store, texts = stored(tmp_path, PLAN_FILES[PlanKind.MISSION], text.encode()), []
+    store, texts = open_store(tmp_path, PLAN_FILES[PlanKind.MISSION], text.encode()), []
     assert load_plans(store, texts.append).mission == MISSION
     store.close()
     assert texts == [
@@ -60,16 +60,16 @@ def test_an_unknown_field_of_a_plan_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["kind", "identity", "items"])
-def test_an_incomplete_plan_is_refused(name):
+def test_incomplete_plan_is_refused(name):
     with pytest.raises(ValueError, match="not a plan"):
-        plan_from_text(edited(plan_to_text(MISSION), lambda data: data["plan"].pop(name)))
+        plan_from_text(edit(plan_to_text(MISSION), lambda data: data["plan"].pop(name)))
 
 
-def test_a_stored_plan_is_the_text_of_the_versions_before():
-    stored = (
+def test_text_of_a_stored_plan_is_that_of_earlier_versions():
+    open_store = (
         '{"version":1,"plan":{"kind":0,"identity":1002911340,'
         '"items":"AxAAAQAAAAAAAKBAAAAAAAAAAACAk9wUgLfZUgAAAAA="},"$":"_Stored"}'
     )
-    assert plan_to_text(MISSION) == stored
-    assert plan_from_text(stored) == (MISSION, ())
-    assert plan_from_text(stored.replace('"version":1,', ""))[0] == MISSION
+    assert plan_to_text(MISSION) == open_store
+    assert plan_from_text(open_store) == (MISSION, ())
+    assert plan_from_text(open_store.replace('"version":1,', ""))[0] == MISSION

@@ -1,4 +1,4 @@
-"""Other vessels in the tick: report, avoidance, end, and replay from a checkpoint."""
+"""Other vessels in a tick: report, avoidance and its end, replay from a checkpoint."""
 
 import math
 
@@ -14,8 +14,8 @@ from support import rig
 from support.plans import placed
 
 
-def received(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
-    """A ship on a straight line that reports every ten seconds."""
+def ship_reports(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
+    """Return the reports by time of a ship on a straight course, every 10 s."""
     course_rad = math.radians(course_deg)
 
     def reports(t_s):
@@ -30,18 +30,18 @@ def received(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
     return reports
 
 
-def under_way(**parameters):
+def approaching_ship(**parameters):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, **parameters)
-    boat.vessels_at = received(1300.0, -30.0)
+    boat.vessels_at = ship_reports(1300.0, -30.0)
     return boat.under_way(Mode.GUIDED, SteerHeading(0.0))
 
 
-def test_an_approach_is_reported_avoided_and_ended():
-    boat = under_way(AIS_ACT=1).run(30.0)
-    (aside,) = boat.times_of("Avoidance: heading")
-    (reported,) = boat.times_of("ANNA: closest")
-    assert reported <= aside <= reported + 3.0
-    assert boat.times_of("Vessel approaching") == [reported]
+def test_approach_is_reported_and_avoided_until_it_ends():
+    boat = approaching_ship(AIS_ACT=1).run(30.0)
+    (avoided_s,) = boat.times_of("Avoidance: heading")
+    (reported_s,) = boat.times_of("ANNA: closest")
+    assert reported_s <= avoided_s <= reported_s + 3.0
+    assert boat.times_of("Vessel approaching") == [reported_s]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
     boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)
@@ -52,8 +52,8 @@ def test_an_approach_is_reported_avoided_and_ended():
     assert len(boat.times_of("ANNA: closest")) == 1
 
 
-def test_by_default_vessels_are_only_reported():
-    boat = under_way().run(30.0)
+def test_vessels_are_only_reported_by_default():
+    boat = approaching_ship().run(30.0)
     assert boat.times_of("ANNA: closest")
     assert not boat.times_of("Avoidance: heading")
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
@@ -61,16 +61,16 @@ def test_by_default_vessels_are_only_reported():
 
 
 @pytest.mark.parametrize("mode", [Mode.STEERING, Mode.MANUAL, Mode.HOLD])
-def test_no_avoidance_in_manual_modes(mode):
+def test_no_avoidance_in_modes_without_a_task(mode):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
-    boat.vessels_at = received(1300.0, -30.0)
+    boat.vessels_at = ship_reports(1300.0, -30.0)
     boat.under_way(mode).run(20.0)
     assert boat.times_of("ANNA: closest")
     assert not boat.times_of("Avoidance: heading")
 
 
-def test_a_checkpoint_during_avoidance_gives_the_same_rudder():
-    boat = under_way(AIS_ACT=1).run(1.0)
+def test_checkpoint_during_avoidance_gives_the_same_rudder():
+    boat = approaching_ship(AIS_ACT=1).run(1.0)
     state, notes = state_from_text(state_to_text(boat.state))
     assert state_to_text(state) == state_to_text(boat.state)
     assert notes == ()
@@ -82,7 +82,7 @@ def test_a_checkpoint_during_avoidance_gives_the_same_rudder():
     assert boat.times_of("Avoidance: heading")
 
 
-def test_without_ais_there_is_no_traffic_record():
+def test_no_traffic_report_without_ais():
     boat = rig.Sailing(rig.sea("calm"), 1).run(3.0)
     assert boat.snapshot.traffic is None
     assert boat.state.traffic.vessels == ()

@@ -9,7 +9,7 @@ from firmware_py.common import angles
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.control.law import Gains, s_surface
-from firmware_py.control.rudder_limit import RudderLimits, limited_command
+from firmware_py.control.rudder_limit import RudderLimits, limit_command
 from firmware_py.estimate import observer
 from firmware_py.model.kt import rk4_step
 from hil.lab.tune import loop_kernel
@@ -48,7 +48,7 @@ def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[
         sample = HeadingSample(now_s, angles.wrap_two_pi(reading_rad), NorthReference.TRUE)
         state = observer.update(known, state, [sample], feedback, now_s)
         error_rad = angles.wrap_pi(TASK.goals_rad[tick // TASK.leg_ticks] - state.heading_rad)
-        command = limited_command(limits, command, s_surface(gains, error_rad, state.yaw_rate_rad_s), STEP_S)
+        command = limit_command(limits, command, s_surface(gains, error_rad, state.yaw_rate_rad_s), STEP_S)
         count = 2.0 * math.pi / 4096.0
         feedback = math.floor(rudder / count + 0.5) * count
         target = math.floor(command / count + 0.5) * count
