@@ -10,7 +10,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.link.services import reported
-from firmware_py.safety.power_monitor import supply
+from firmware_py.safety.power_monitor import read_supply
 
 NONE = 65535
 
@@ -77,7 +77,7 @@ def judged(**values):
 def test_a_report_counts_as_what_is_measured():
     state, answer = judged(voltage_v=13.1, current_a=-0.4, charge=0.87)
     assert answer.verdict is Verdict.ACCEPTED
-    assert supply(state.power, 6.0).charge == 0.87
+    assert read_supply(state.power, 6.0).charge == 0.87
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_each_station_begins_a_swing_that_sets_nothing(under_way, texts, query):
     replies = under_way.command(START, *query)
     assert results(replies) == [ACCEPTED]
     assert texts(replies)[0].endswith("then accept")
-    assert under_way.request_handler.compass_swing.running
+    assert under_way.request_handler.compass_swing.is_running
     assert under_way.request_handler.intents == []
 
 
@@ -68,7 +68,7 @@ def test_a_swing_that_could_see_nothing_is_refused(rig, texts, changes, reason, 
     rig.tick(**{**UNDER_WAY, **changes})
     replies = rig.command(*command)
     assert (results(replies), texts(replies)) == ([REJECTED], [f"Compass swing refused: {reason}"])
-    assert not rig.request_handler.compass_swing.running
+    assert not rig.request_handler.compass_swing.is_running
 
 
 def test_a_second_start_does_not_forget_the_first(under_way, texts):
@@ -82,7 +82,7 @@ def test_a_second_start_does_not_forget_the_first(under_way, texts):
 @pytest.mark.parametrize(("mask", "result"), [(2, DENIED), (-1, DENIED), (math.inf, DENIED), (255, DENIED)])
 def test_there_is_one_compass(under_way, command, mask, result):
     assert results(under_way.command(command, mask)) == [result]
-    assert not under_way.request_handler.compass_swing.running
+    assert not under_way.request_handler.compass_swing.is_running
 
 
 def test_the_progress_is_sent_without_being_asked_for(under_way):
@@ -106,7 +106,7 @@ def test_what_is_proposed_waits_and_is_taken_whole_when_it_is_accepted(proposed,
     assert texts(replies)[-1].endswith("deg is in force")
     assert deviation(proposed)[0] == pytest.approx(5.0, abs=0.3)
     assert deviation(proposed)[1] == pytest.approx(0.0, abs=0.5)
-    assert not proposed.request_handler.compass_swing.running
+    assert not proposed.request_handler.compass_swing.is_running
 
 
 def test_an_accepted_proposal_is_acknowledged_when_it_is_on_disk(proposed):
@@ -150,4 +150,4 @@ def test_a_proposal_out_of_range_sets_nothing_at_all(proposed, texts):
 
 def test_any_compass_without_a_calibration_of_its_own_is_swung_by_preflight_calibration(under_way):
     assert results(under_way.command(241, 0, 1)) == [ACCEPTED]
-    assert under_way.request_handler.compass_swing.running
+    assert under_way.request_handler.compass_swing.is_running
