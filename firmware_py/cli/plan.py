@@ -15,7 +15,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, 
 from firmware_py.files.reading import read_regular
 from firmware_py.files.writing import exact_modes
 from firmware_py.plans.fence import Breach, breaches
-from firmware_py.plans.items import ROWS, Command, has_place, markdown
+from firmware_py.plans.items import ROWS, Command, has_position, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import MAX_BYTES, read_plan_file
@@ -200,7 +200,7 @@ def _item_name(item: PlanItem) -> str:
 def _format_item(number: int, item: PlanItem, first_number: int) -> str:
     offset = first_number if item.command == Command.JUMP else 0  # DO_JUMP: number of the target as printed
     params = " ".join(f"{value:g}" for value in (item.params[0] + offset, *item.params[1:]))
-    position = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
+    position = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_position(item.command) else ""
     return f"{number:>5}  {_item_name(item)}  {params}{position}"
 
 
@@ -213,6 +213,6 @@ def item_fields(item: PlanItem) -> Mapping[str, Any]:
     params = [None if math.isnan(value) else value for value in item.params]
     fields: dict[str, Any] = {"command": item.command, "name": _item_name(item), "frame": item.frame, "params": params}
     fields["autocontinue"] = item.autocontinue
-    if has_place(item.command):
+    if has_position(item.command):
         fields |= {"latitude_deg": round(item.x * 1e-7, 7), "longitude_deg": round(item.y * 1e-7, 7)}
     return fields | {"x": item.x, "y": item.y, "z": None if math.isnan(item.z) else item.z}

@@ -8,7 +8,7 @@ from typing import Final
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.log.ardupilot_formats import FENCE, ITEM, RALLY
 from firmware_py.log.message_rows import microseconds
-from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.items import Command, has_position
 
 # AC_PolyFenceType
 _FENCES: Final = {
@@ -39,7 +39,7 @@ def _mission(time_us: int, plan: Plan, first: int) -> Iterator[bytes]:
     total = len(plan.items) + first
     for number, item in enumerate(plan.items, start=first):
         target = first if item.command == Command.JUMP else 0
-        coordinates = (item.x, item.y) if has_place(item.command) else (0, 0)
+        coordinates = (item.x, item.y) if has_position(item.command) else (0, 0)
         params = (item.params[0] + target, *item.params[1:])
         yield ITEM.pack(time_us, total, number, item.command, *params, *coordinates, item.z, item.frame)
 

@@ -298,7 +298,7 @@ def markdown() -> str:
     return "\n".join(lines) + "\n"
 
 
-def has_place(command: int) -> bool:
+def has_position(command: int) -> bool:
     """Return whether x and y of this command are a place; True for unknown commands except those of cameras."""
     row = ROWS.get(command)
     return command not in CAMERA if row is None else row.place

@@ -7,7 +7,7 @@ from typing import Any
 
 from firmware_py.common.parameter_row import SINGLE_MAX
 from firmware_py.common.plan import PlanItem
-from firmware_py.plans.items import has_place
+from firmware_py.plans.items import has_position
 
 _INT32 = 1 << 31
 
@@ -51,7 +51,7 @@ def make_item(command: int, frame: int, params: list[float], *, autocontinue: bo
         if math.isfinite(value) and abs(value) > SINGLE_MAX:
             raise PlanFileError(f"param{number} is too large")
     first, second, third, fourth, x, y, z = params
-    if has_place(command):
+    if has_position(command):
         whole_x, whole_y = scale_place(x, y)
     else:
         whole_x, whole_y = _whole_or_zero(x), _whole_or_zero(y)

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans
-from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.items import Command, has_position
 from firmware_py.plans.numbers import PlanFileError, located, make_item, scale_place, shorten
 from firmware_py.plans.polygons import polygons_of
 
@@ -187,7 +187,7 @@ def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
     values = entry.get("params")
     if not isinstance(values, list) or len(values) != 7:
         raise PlanFileError(f"expected 7 params, found {shorten(values)}")
-    unset_place = None if has_place(command) else 0.0
+    unset_place = None if has_position(command) else 0.0
     unset = (math.nan, math.nan, math.nan, math.nan, unset_place, unset_place, math.nan)
     params = [_number(value, default) for value, default in zip(values, unset, strict=True)]
     if command == Command.JUMP:
@@ -275,7 +275,7 @@ def _mission_section(plan: Plan) -> Mapping[str, Any]:
     items = []
     for index, item in enumerate(plan.items):
         first = item.params[0] + 1.0 if item.command == Command.JUMP else item.params[0]
-        x_and_y = _degrees(item) if has_place(item.command) else [item.x, item.y]
+        x_and_y = _degrees(item) if has_position(item.command) else [item.x, item.y]
         params = [_or_none(value) for value in (first, *item.params[1:])]
         items.append(
             {
@@ -287,7 +287,7 @@ def _mission_section(plan: Plan) -> Mapping[str, Any]:
                 "params": [*params, *x_and_y, _or_none(item.z)],
             }
         )
-    first_place = next((item for item in plan.items if has_place(item.command)), PlanItem(0))
+    first_place = next((item for item in plan.items if has_position(item.command)), PlanItem(0))
     return {
         "version": 2,
         "firmwareType": _ARDUPILOT,

@@ -56,7 +56,7 @@ def order_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
         if target is not None and target >= len(items):
             return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP: the target item does not exist")
         if item.command == Command.CONDITION_DISTANCE and following is None:
-            return PlanProblem(index, PlanResult.INVALID, "CONDITION_DISTANCE: no item with a place follows")
+            return PlanProblem(index, PlanResult.INVALID, "CONDITION_DISTANCE: no item with a position follows")
     return _loop_problem(items, tags)
 
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.parameters import format_value
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.plans.items import ROWS, Command, has_place
+from firmware_py.plans.items import ROWS, Command, has_position
 from firmware_py.plans.numbers import PlanFileError, located, make_item, read_number, read_whole, scale_place
 
 HEADER = "QGC WPL 110"
@@ -124,7 +124,7 @@ def write_text(plan: Plan) -> str:
     lines = [HEADER]
     for number, item in enumerate(items):
         x, y = str(item.x), str(item.y)
-        if has_place(item.command):
+        if has_position(item.command):
             x, y = f"{item.x * 1e-7:.7f}", f"{item.y * 1e-7:.7f}"
         params = [_single_text(value) for value in item.params]
         head = [number, int(number == 0), item.frame, item.command]

@@ -71,7 +71,7 @@ def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | No
         return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is out of range")
     # In a mission 0, 0 is the present position, in a fence an ordinary place; for a rally point it means unset.
     if row.command is Command.RALLY_POINT and item.x == item.y == 0:
-        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: 0, 0 is not a valid place")
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: position 0, 0 is not accepted")
     if math.isinf(item.z):
         return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
     return None

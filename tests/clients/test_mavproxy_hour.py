@@ -97,7 +97,7 @@ KNOWN = (
     r"AP: Compass swing: sail all headings, 15 min each, then accept",
     r"AP: Compass swing: nothing to accept, \d+ percent of it is done",
     r"AP: Compass swing: cancelled, nothing was set",
-    r"AP: RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING",
+    r"AP: RC override ignored in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING",
     r"AP: Restart refused: armed", r"AP: Bench rudder refused: armed",
     r"AP: Mission unusable: keeping station", r"AP: Mission problem cleared",
     r"AP: Heading source: compass A", r"AP: AUTO refused: .*mission.*",

@@ -1,4 +1,4 @@
-"""Commands of the workshop: rudder on the bench, its centre, alignment and swing of the compass, storage."""
+"""Maintenance commands: rudder test on the bench, rudder centre, compass alignment and swing, storage."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, 
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.status import report_of
 
-BENCH_S = 10.0  # then the rudder on the bench returns to amidships, unless the command is repeated
+BENCH_S = 10.0  # after this time the rudder returns to amidships, unless the command is repeated
 
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _RUDDER_SERVO = 1.0
 _TRIM = 2.0  # param4 of PREFLIGHT_CALIBRATION: the present position is neutral
 _READ, _WRITE, _RESET = 0.0, 1.0, 2.0
 _ARMED = Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: armed")
-_NOT_CALIBRATED_HERE = (
-    "there are the rudder's centre (param4 = 2) and the compass (param2 = 1, or DO_START_MAG_CAL under way); "
+_SUPPORTED_CALIBRATIONS = (
+    "supported are the rudder centre (param4 = 2) and the compass (param2 = 1, or DO_START_MAG_CAL under way); "
     "FIXED_MAG_CAL_YAW aligns any compass to a known heading"
 )
-CIRCLE_TIMEOUT_S = 900.0
+_COMPASS_TIMEOUT_S = 900.0
 
 _DEVIATION_NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")
 
 
 def set_servo(context: LinkContext, call: CommandCall) -> Answer:
-    """Hold the rudder at an angle for BENCH_S: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
+    """Set the rudder angle for BENCH_S: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
     servo, pulse_us = call.parameters[:2]
     if servo != _RUDDER_SERVO:
-        return call.denied("there is servo 1, the rudder, only")
+        return call.denied("only servo 1, the rudder, is supported")
     if not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
         return call.denied("the pulse is not within 1000 to 2000 us")
     return context.request(call.message, BenchRudder((pulse_us - _CENTRE_US) / _FULL_US, BENCH_S), call.now_s)
@@ -43,70 +43,70 @@ def set_servo(context: LinkContext, call: CommandCall) -> Answer:
 def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
     """Set the present rudder angle as amidships (param4 = 2), or calibrate the compass (param2 = 1).
 
-    A compass with its own calibration uses that, disarmed; otherwise a swing is started. Other calibrations are refused
-    with a remedy.
+    If the compass has its own calibration, that is started; the boat must be disarmed. Otherwise a swing is started.
+    Other calibrations are refused with a remedy.
     """
     values = (*call.parameters, call.x, call.y, call.z)
-    wanted = {number: value for number, value in enumerate(values, start=1) if value and not math.isnan(value)}
-    if not wanted:
+    requested = {number: value for number, value in enumerate(values, start=1) if value and not math.isnan(value)}
+    if not requested:
         return ACCEPTED
-    if wanted == {2: 1.0}:
+    if requested == {2: 1.0}:
         compass = context.suppliers.calibrator
         return begin_swing(context) if compass is None else _calibrate_compass(context, call, compass)
-    if wanted != {4: _TRIM}:
-        return Answer(Verdict.UNSUPPORTED, f"{call.name}: {_NOT_CALIBRATED_HERE}")
-    boat = context.snapshot
-    if boat is None or boat.armed:
+    if requested != {4: _TRIM}:
+        return Answer(Verdict.UNSUPPORTED, f"{call.name}: {_SUPPORTED_CALIBRATIONS}")
+    snapshot = context.snapshot
+    if snapshot is None or snapshot.armed:
         return _ARMED
-    shaft_rad = boat.servo.shaft_rad if boat.servo is not None and boat.rudder_ok else None
+    shaft_rad = snapshot.servo.shaft_rad if snapshot.servo is not None and snapshot.rudder_ok else None
     if shaft_rad is None or not math.isfinite(shaft_rad):
-        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the rudder servo gives no angle")
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: no rudder angle from the servo")
     answer = _set_parameter(context, call, "RUD_CENTRE_DEG", degrees(wrap_pi(shaft_rad)))
     if isinstance(answer, PendingCommand):
-        # End the bench command: from the new centre its deflection is another angle.
+        # The bench command ends: relative to the new centre, its deflection is another angle.
         context.request(call.message, BenchRudder(0.0, 0.0), call.now_s)
     return answer
 
 
 def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibrator) -> Answer | PendingCommand:
-    """Start the compass's own calibration while the boat is turned slowly through a full circle."""
+    """Start the calibration of the compass itself, during which the boat is turned slowly through a circle."""
     if context.snapshot is None or context.snapshot.armed:
         return _ARMED
     if not compass.calibrate(call.now_s):
         return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: compass missing or busy")
 
-    def ended() -> Answer | None:
-        now = compass.calibration()
-        if now.state is CalibrationState.RUNNING:
+    def poll() -> Answer | None:
+        calibration = compass.calibration()
+        if calibration.state is CalibrationState.RUNNING:
             return None
-        if now.state is not CalibrationState.DONE:
-            return Answer(Verdict.FAILED, now.text or "Compass calibration aborted")
-        context.send_text(call.peer, Severity.NOTICE, now.text)
+        if calibration.state is not CalibrationState.DONE:
+            return Answer(Verdict.FAILED, calibration.text or "Compass calibration aborted")
+        context.send_text(call.peer, Severity.NOTICE, calibration.text)
         return ACCEPTED
 
     context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn a full circle by hand, ashore")
     return PendingCommand(
-        timeout_s=CIRCLE_TIMEOUT_S,
+        timeout_s=_COMPASS_TIMEOUT_S,
         percent=lambda: compass.calibration().percent,
         cancel=compass.cancel,
-        poll=ended,
+        poll=poll,
     )
 
 
 def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Set the compass offset so that its present heading equals the known one (degrees from true north)."""
-    yaw_deg, compasses = call.parameters[:2]
+    """Set the compass offset so that the present heading equals param1, in degrees from true north."""
+    yaw_deg, mask = call.parameters[:2]
     if not within(yaw_deg, -360.0, 360.0):
         return call.denied("the yaw is not within -360 to 360 deg")
-    if compasses not in (0.0, 1.0) and not math.isnan(compasses):
-        return call.denied(f"compass mask (param2) {compasses:g} is neither 0 nor 1")
-    boat = context.snapshot
-    if boat is None or boat.armed:
+    if mask not in (0.0, 1.0) and not math.isnan(mask):
+        return call.denied(f"compass mask (param2) {mask:g} is neither 0 nor 1")
+    snapshot = context.snapshot
+    if snapshot is None or snapshot.armed:
         return _ARMED
-    if boat.heading_rad is None or not boat.heading_ok:
+    if snapshot.heading_rad is None or not snapshot.heading_ok:
         return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: no valid heading")
     offset_rad = radians(context.request_handler.parameters()["CMP_OFFSET_DEG"])
-    aligned_rad = wrap_pi(offset_rad + radians(yaw_deg) - boat.heading_rad)
+    aligned_rad = wrap_pi(offset_rad + radians(yaw_deg) - snapshot.heading_rad)
     return _set_parameter(context, call, "CMP_OFFSET_DEG", degrees(aligned_rad))
 
 
@@ -116,11 +116,11 @@ def _set_parameter(context: LinkContext, call: CommandCall, name: str, value: fl
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
     text = f"{name} is now {context.request_handler.parameters()[name]:.2f}"
-    return finish_when_stored(context, call, text, f"{name} is in force but could not be stored")
+    return finish_when_stored(context, call, text, f"{name} active but not stored")
 
 
-def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Accept read and write, since parameters are always stored; param1 = 2 resets those that links have set."""
+def manage_storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """Reset the parameters that links have set (param1 = 2); read (0) and write (1) have no effect on the values."""
     parameters, plans = call.parameters[:2]
     if parameters not in (_READ, _WRITE, _RESET):
         return call.denied("param1 is neither 0 (read), 1 (write) nor 2 (reset)")
@@ -138,32 +138,31 @@ def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
 
 
 def start_swing(context: LinkContext, call: CommandCall) -> Answer:
-    """Start a swing; refused in a state in which it could not make progress."""
-    if (denial := _mask_denial(call)) is not None:
+    """Start a swing, unless the present state prevents progress."""
+    if (denial := _check_mask(call)) is not None:
         return denial
     return begin_swing(context)
 
 
 def begin_swing(context: LinkContext) -> Answer:
     """Start a swing, or return the reason of a refusal."""
-    swing, boat = context.request_handler.compass_swing, context.snapshot
-    if boat is None or not boat.armed:
-        return _swing_refused("disarmed")
-    if not boat.heading_ok:
-        return _swing_refused("no valid heading")
-    if not boat.position_ok:
-        return _swing_refused("no position")
+    swing, snapshot = context.request_handler.compass_swing, context.snapshot
+    if snapshot is None or not snapshot.armed:
+        return _refuse_swing("disarmed")
+    if not snapshot.heading_ok:
+        return _refuse_swing("no valid heading")
+    if not snapshot.position_ok:
+        return _refuse_swing("no position")
     if swing.report.state is not CalibrationState.NONE:
-        return _swing_refused("one is under way, cancel it first")
+        return _refuse_swing("already in progress, cancel it first")
     swing.begin(context.request_handler.parameters())
-    text = "Compass swing: sail all headings, 15 min each, then accept"
-    context.send_text_all(Severity.NOTICE, text)
+    context.send_text_all(Severity.NOTICE, "Compass swing: sail all headings, 15 min each, then accept")
     return ACCEPTED
 
 
 def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
     """Set the proposed deviation parameters."""
-    if (denial := _mask_denial(call)) is not None:
+    if (denial := _check_mask(call)) is not None:
         return denial
     swing = context.request_handler.compass_swing
     report = None if swing is None else swing.report
@@ -173,22 +172,22 @@ def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
     values = {
         name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.estimated_rad, strict=True)
     }
-    answer = _set_deviation(context, call, values, "is in force", undo=True)
+    answer = _set_deviation(context, call, values, "set", can_undo=True)
     if isinstance(answer, PendingCommand):
         context.send_all(report_of(report, saved=True))
     return answer
 
 
 def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """End a swing, drop its proposal, or restore the values before the latest accepted one.
+    """End a swing and discard its proposal, or restore the values before an accepted proposal.
 
-    Accepted without a swing, too: QGroundControl tests by it whether the command is supported.
+    It is also accepted without a swing: QGroundControl tests in this way whether the command is supported.
     """
-    if (denial := _mask_denial(call)) is not None:
+    if (denial := _check_mask(call)) is not None:
         return denial
     swing = context.request_handler.compass_swing
     if swing.former is not None:
-        return _set_deviation(context, call, swing.former, "is taken back", undo=False)
+        return _set_deviation(context, call, swing.former, "restored", can_undo=False)
     if swing.report.state is not CalibrationState.NONE:
         swing.end()
         context.send_text_all(Severity.NOTICE, "Compass swing: cancelled, nothing was set")
@@ -196,10 +195,10 @@ def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
 
 
 def _set_deviation(
-    context: LinkContext, call: CommandCall, values: Mapping[str, float], what: str, *, undo: bool
+    context: LinkContext, call: CommandCall, values: Mapping[str, float], action: str, *, can_undo: bool
 ) -> Answer | PendingCommand:
-    """Set all five or none, and end the swing; `undo`: keep the former values for a later cancel."""
-    parameters = before = context.request_handler.parameters()
+    """Set all five values or none, and end the swing; `can_undo`: store the former values for a later cancel."""
+    parameters = former = context.request_handler.parameters()
     try:
         for name, value in values.items():
             parameters = parameters.replaced(name, value)
@@ -209,21 +208,22 @@ def _set_deviation(
     answer = context.request_handler.decide_together(requests)
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
-    context.request_handler.compass_swing.end({name: before[name] for name in values} if undo else None)
+    context.request_handler.compass_swing.end({name: former[name] for name in values} if can_undo else None)
     deviations = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
-    text = f"Compass swing: {deviations} deg {what}"
-    return finish_when_stored(context, call, text, "the deviation is in force but could not be stored")
+    text = f"Compass swing: {deviations} deg {action}"
+    return finish_when_stored(context, call, text, "deviation active but not stored")
 
 
-def _mask_denial(call: CommandCall) -> Answer | None:
+def _check_mask(call: CommandCall) -> Answer | None:
+    """Return the refusal of a compass mask (param1), or None if it selects the compass."""
     mask = call.parameters[0]
     if mask in (0.0, 1.0) or math.isnan(mask):
         return None
     return call.denied(f"compass mask (param1) {mask:g} is neither 0 nor 1")
 
 
-def _swing_refused(why: str) -> Answer:
-    return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing refused: {why}")
+def _refuse_swing(reason: str) -> Answer:
+    return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing refused: {reason}")
 
 
 COMMANDS = (
@@ -244,7 +244,7 @@ COMMANDS = (
     CommandRow(
         245,
         "PREFLIGHT_STORAGE",
-        storage,
+        manage_storage,
         "param1 = 2, disarmed: from the next start on the vehicle file's parameters; 0 and 1: they are always stored",
     ),
     CommandRow(

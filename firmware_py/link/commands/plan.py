@@ -12,11 +12,11 @@ from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.fields import UINT16_MAX
 from firmware_py.plans.items import ROWS, Command
 
-_PRESENT = -1.0  # the current item
+_CURRENT_ITEM = -1.0
 
 
 def set_home(context: LinkContext, call: CommandCall) -> Answer:
-    """Set home to the present position (param1 = 1) or to a given one."""
+    """Set home to the present position (param1 = 1) or to the position in param5 to param7 (0)."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
         return call.denied(NEITHER)
@@ -24,29 +24,29 @@ def set_home(context: LinkContext, call: CommandCall) -> Answer:
         return context.request(call.message, SetHome(), call.now_s)
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
-    home = home_request(*call.place_deg, call.z)
+    home = home_request(*call.position_deg, call.z)
     return call.denied(home) if isinstance(home, str) else context.request(call.message, home, call.now_s)
 
 
 def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
     """Pause the mission (param1 = 0) or continue it (1)."""
-    wanted = call.parameters[0]
-    if wanted not in (0.0, 1.0):
+    action = call.parameters[0]
+    if action not in (0.0, 1.0):
         return call.denied(NEITHER)
-    return context.request(call.message, PauseMission(paused=wanted == 0.0), call.now_s)
+    return context.request(call.message, PauseMission(paused=action == 0.0), call.now_s)
 
 
 def start_mission(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter AUTO, at item param1 if that is not 0; the last item (param2) cannot be chosen."""
+    """Enter AUTO, at item param1 if that is not 0; param2 must be 0 or the last item."""
     first, last = call.parameters[:2]
-    if not _count(context):
+    if not _item_count(context):
         return call.denied("there is no mission")
-    index = _item(context, first)
-    last_items = (0.0, float(_count(context) - 1 + first_item_number(context.autopilot, PlanKind.MISSION)))
-    if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
-        return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
+    index = _item_index(context, first)
+    allowed_last = (0.0, float(_item_count(context) - 1 + first_item_number(context.autopilot, PlanKind.MISSION)))
+    if index is None or not within(last, 0, UINT16_MAX) or last not in allowed_last:
+        return call.denied(f"first item {first:g} or last item {last:g} is not valid")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
-    # 0 is the current item. An item in range is not refused after the mode change.
+    # 0 is the current item. After the mode change, an item in range is not refused.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
         return answer
     return context.request(call.message, SetMissionItem(index), call.now_s)
@@ -57,44 +57,44 @@ def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
         return call.denied(f"param2 {restart:g} is neither 0 nor 1")
-    index = _item(context, number)
+    index = _item_index(context, number)
     if index is None:
         return Answer(Verdict.FAILED, f"{call.name}: the mission has no such item")
     return context.request(call.message, SetMissionItem(index, restart=restart == 1.0), call.now_s)
 
 
-def _count(context: LinkContext) -> int:
-    """Return the number of items in force now; the snapshot may be from before an upload."""
+def _item_count(context: LinkContext) -> int:
+    """Return the number of items of the present mission; the snapshot may be older than an upload."""
     return len(context.request_handler.plans().mission.items)
 
 
-def _item(context: LinkContext, number: float) -> int | None:
-    """Return the index of an item from the number that ground stations use; None if there is no such item."""
-    if _count(context) == 0:
+def _item_index(context: LinkContext, number: float) -> int | None:
+    """Convert the item number of a ground station to an index; return None if there is no such item."""
+    if _item_count(context) == 0:
         return None
-    if number == _PRESENT:
+    if number == _CURRENT_ITEM:
         return 0 if context.snapshot is None else context.snapshot.mission.index or 0
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
-    # Home, if it is item 0, stands for the first item.
+    # If item 0 is home, it means the first item.
     index = max(0, int(number) - first_item_number(context.autopilot, PlanKind.MISSION))
-    return index if index < _count(context) else None
+    return index if index < _item_count(context) else None
 
 
 def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
     """Enable (param1 = 1) or disable (0) the whole fence."""
-    wanted, kinds = call.parameters[:2]
-    if wanted not in (0.0, 1.0):
+    state, kinds = call.parameters[:2]
+    if state not in (0.0, 1.0):
         return call.denied(NEITHER)
-    if not within(kinds, 0, UINT16_MAX) and kinds == kinds:  # noqa: PLR0124 - NaN says "not used"
+    if not within(kinds, 0, UINT16_MAX) and kinds == kinds:  # noqa: PLR0124 - NaN means "not used"
         return call.denied("the kinds of fence are not a number")
     if kinds > 0:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: fence kinds cannot be chosen; use param2 = 0")
-    return context.request(call.message, EnableFence(wanted == 1.0), call.now_s)
+    return context.request(call.message, EnableFence(state == 1.0), call.now_s)
 
 
 def change_speed(context: LinkContext, call: CommandCall) -> Answer:
-    """Check a speed as in a mission item, and ignore it with a notice."""
+    """Validate a speed as in a mission item, and ignore it with a notice."""
     for meaning in ROWS[Command.CHANGE_SPEED].meanings:
         value = call.parameters[meaning.number - 1]
         if not meaning.admits(value):

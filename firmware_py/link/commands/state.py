@@ -13,13 +13,13 @@ from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.fields import INT32_MAX, UINT32_MAX
 from firmware_py.link.wire.dialect import mavlink
 
-_FORCE = 21196  # MAVLink's number for arming or disarming whatever the checks say
+_FORCE = 21196  # MAVLink's number for arming or disarming without checks
 _FORCE_RESTART = 20190226  # REBOOT_SHUTDOWN_CONDITIONS_FORCE, in param6
 _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 def set_mode(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter a custom mode by its number; the flags of base_mode alone do not define a mode."""
+    """Enter the custom mode param2; the flags in param1 must include CUSTOM_MODE_ENABLED."""
     base_mode, custom_mode = call.parameters[:2]
     if not within(base_mode, 0, 255) or not int(base_mode) & _CUSTOM:
         return call.denied("only custom modes can be set")
@@ -30,40 +30,39 @@ def set_mode(context: LinkContext, call: CommandCall) -> Answer:
 
 def set_standard_mode(context: LinkContext, call: CommandCall) -> Answer:
     """Enter the mode of a MAV_STANDARD_MODE."""
-    standard = call.parameters[0]
-    mode = identity.mode_of_standard(int(standard)) if within(standard, 0, 255) and standard == int(standard) else None
+    number = call.parameters[0]
+    mode = identity.mode_of_standard(int(number)) if within(number, 0, 255) and number == int(number) else None
     if mode is None:
         return Answer(Verdict.FAILED, f"{call.name}: standard mode not supported; use 5 (RTL) or 6 (AUTO)")
     return context.request(call.message, SetMode(mode), call.now_s)
 
 
-def _enter(mode: Mode) -> CommandAction:
-    def enter(context: LinkContext, call: CommandCall) -> Answer:
+def _make_mode_action(mode: Mode) -> CommandAction:
+    def enter_mode(context: LinkContext, call: CommandCall) -> Answer:
         return context.request(call.message, SetMode(int(mode)), call.now_s)
 
-    return enter
+    return enter_mode
 
 
-return_to_launch = _enter(Mode.RTL)
+return_to_launch = _make_mode_action(Mode.RTL)
 
 
 def loiter(context: LinkContext, call: CommandCall) -> Answer:
     """Enter LOITER at the present position; any other position is refused."""
     if any(value not in (0.0, INT32_MAX) and not math.isnan(value) for value in (call.x, call.y)):
-        return call.denied("LOITER holds the present position; use DO_REPOSITION")
+        return call.denied("position not supported; use DO_REPOSITION")
     return context.request(call.message, SetMode(int(Mode.LOITER)), call.now_s)
 
 
 def restart(context: LinkContext, call: CommandCall) -> Answer:
-    """Restart the autopilot (param1 = 1) or end it (2), after making the rudder safe.
+    """Restart the autopilot (param1 = 1) or shut it down (2).
 
-    The computer (param2) and other components (param3) cannot be restarted.
+    The computer (param2) and other components (param3) cannot be restarted; NaN means "not used".
     """
     action, computer, component = call.parameters[:3]
     if action not in (0.0, 1.0, 2.0):
         return call.denied("param1 is neither 0, 1 (restart) nor 2 (shut down)")
-    # NaN says "not used".
-    if any(not math.isnan(other) and other != 0.0 for other in (computer, component)):
+    if any(not math.isnan(value) and value != 0.0 for value in (computer, component)):
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: only the autopilot itself can be restarted")
     if action == 0.0:
         return ACCEPTED
@@ -71,11 +70,11 @@ def restart(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def arm_disarm(context: LinkContext, call: CommandCall) -> Answer:
-    """Arm or disarm."""
-    wanted, force = call.parameters[:2]
-    if wanted not in (0.0, 1.0):
+    """Arm (param1 = 1) or disarm (0)."""
+    state, force = call.parameters[:2]
+    if state not in (0.0, 1.0):
         return call.denied(NEITHER)
-    return context.request(call.message, Arm(wanted == 1.0, force == _FORCE), call.now_s)
+    return context.request(call.message, Arm(state == 1.0, force == _FORCE), call.now_s)
 
 
 def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
@@ -91,11 +90,11 @@ def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def send_banner(context: LinkContext, call: CommandCall) -> Answer:
-    """Report name and version of the program."""
+    """Report the name and version of the program."""
     version = context.version
-    number = f"{version.major}.{version.minor}.{version.patch}"
+    version_text = f"{version.major}.{version.minor}.{version.patch}"
     commit = f" (git {version.commit})" if version.commit else ""
-    context.send_text_limited(call.peer, Severity.INFO, f"Rambler {number}{commit}", call.now_s)
+    context.send_text_limited(call.peer, Severity.INFO, f"Rambler {version_text}{commit}", call.now_s)
     return ACCEPTED
 
 

@@ -1,4 +1,4 @@
-"""Inputs that steer: commands and setpoint messages with a heading or a position, and the operator's stick."""
+"""Steering inputs: commands and setpoint messages with a heading or a position, and the stick of the operator."""
 
 from __future__ import annotations
 
@@ -21,21 +21,19 @@ from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanResult
 
-# 0 deg N 0 deg E usually means unset fields: refused as goal and home; in a mission it means the present position.
-
-# MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
+# MAV_FRAME: GLOBAL and GLOBAL_RELATIVE_ALT, their _INT forms, and the two over terrain. The altitude is ignored.
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 
-_HIGHEST_M = 10_000.0
-_FARTHEST_M = 100_000.0  # limit of the flat-earth offset
+_MAX_ALTITUDE_M = 10_000.0
+_MAX_OFFSET_M = 100_000.0  # limit of the flat-earth approximation
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE
-_HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
+_NEITHER_RELATIVE = "param{} is neither 0 (absolute) nor 1 (relative)"
 
 Goal = SteerHeading | SteerPosition | str  # a goal, or the reason of a refusal
 
-# POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK: a set bit says that the field is to be ignored.
+# POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK: fields whose bit is set are ignored.
 _IGNORE_POSITION = 0b0000_0000_0000_0011
 _IGNORE_VELOCITY = 0b0000_0000_0001_1000
 _IGNORE_YAW = 0b0000_0100_0000_0000
@@ -49,9 +47,9 @@ _LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
 
 GUIDED = 2  # `current` of a mission item that is a goal
 _UNIT_TOLERANCE = 0.01
-_REMEMBERED = 128  # relative goals: two stations may send 20 per second each
-_SLOWEST_M_S = 1e-3
-_FASTEST_M_S = 1e3
+_MAX_RELATIVE_GOALS = 128  # two stations may send 20 per second each
+_MIN_SPEED_M_S = 1e-3
+_MAX_SPEED_M_S = 1e3
 
 _FULL_STICK = 1000
 _CENTRE_US, _FULL_US = 1500, 500
@@ -61,7 +59,7 @@ _CHANNEL_1 = "channel 1 is the rudder in MANUAL, the heading in STEERING"
 
 
 def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: bool = False) -> SteerPosition | str:
-    """Return the goal, or the reason of a refusal."""
+    """Return the goal, or the reason of a refusal; 0, 0 usually means unset fields."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
         return "latitude or longitude out of range"
     if latitude_deg == 0.0 and longitude_deg == 0.0:
@@ -70,63 +68,63 @@ def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: boo
 
 
 def home_request(latitude_deg: float, longitude_deg: float, altitude_m: float) -> SetHome | str:
-    """Return the request to set home, or the reason of a refusal; altitude NaN counts as 0."""
+    """Return the request to set home, or the reason of a refusal; an altitude of NaN becomes 0."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
         return "latitude or longitude out of range"
     if latitude_deg == 0.0 and longitude_deg == 0.0:
         return "home at 0, 0 is not accepted"
     if math.isnan(altitude_m):
         altitude_m = 0.0
-    if not within(altitude_m, -_HIGHEST_M, _HIGHEST_M):
+    if not within(altitude_m, -_MAX_ALTITUDE_M, _MAX_ALTITUDE_M):
         return "the altitude is out of range"
     return SetHome(radians(latitude_deg), radians(longitude_deg), altitude_m)
 
 
 def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_m: float) -> SteerPosition | str:
     """Return the goal at an offset from a position, or the reason of a refusal."""
-    if not within(north_m, -_FARTHEST_M, _FARTHEST_M) or not within(east_m, -_FARTHEST_M, _FARTHEST_M):
-        return f"the position is not within {_FARTHEST_M / 1e3:.0f} km"
+    if not within(north_m, -_MAX_OFFSET_M, _MAX_OFFSET_M) or not within(east_m, -_MAX_OFFSET_M, _MAX_OFFSET_M):
+        return f"the position is not within {_MAX_OFFSET_M / 1e3:.0f} km"
     goal = Place(latitude_rad, longitude_rad).at_local_offset(north_m, east_m)
     if goal is None:
-        return "local positions end at the poles"
+        return "local position beyond a pole"
     return SteerPosition(goal.latitude_rad, goal.longitude_rad)
 
 
 def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to an angle: absolute, or relative to the present heading with the direction in param3.
 
-    A negative relative angle without a direction means to port. The rate of turn (param2) is ignored.
+    A negative relative angle without a direction is a turn to port. The turn rate (param2) is ignored.
     """
     angle_deg, _, direction, relative = call.parameters
     if relative not in (0.0, 1.0):
-        return call.denied(_HOW_RELATIVE.format(4))
+        return call.denied(_NEITHER_RELATIVE.format(4))
     if direction not in (-1.0, 0.0, 1.0):
         return call.denied("the direction is not -1, 0 or 1")
-    lowest_deg = -360.0 if relative and not direction else 0.0
-    if not within(angle_deg, lowest_deg, 360.0):
+    min_angle_deg = -360.0 if relative and not direction else 0.0
+    if not within(angle_deg, min_angle_deg, 360.0):
         return call.denied("the angle is not within 0 to 360 deg")
     turn = int(direction)
-    turn_deg = -angle_deg if relative and turn < 0 else angle_deg
-    goal = SteerHeading(radians(turn_deg), relative=relative == 1.0, turn=turn)
+    signed_angle_deg = -angle_deg if relative and turn < 0 else angle_deg
+    goal = SteerHeading(radians(signed_angle_deg), relative=relative == 1.0, turn=turn)
     return context.request(call.message, goal, call.now_s)
 
 
 def change_heading(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to a heading or to a course over ground."""
-    kind, angle_deg = call.parameters[:2]
-    if kind not in (_COURSE_OVER_GROUND, _HEADING):
+    heading_type, angle_deg = call.parameters[:2]
+    if heading_type not in (_COURSE_OVER_GROUND, _HEADING):
         return call.denied("the type is neither course over ground (0) nor heading (1)")
     if not within(angle_deg, 0.0, 360.0):
         return call.denied("the angle is not within 0 to 360 deg")
-    goal = SteerHeading(radians(angle_deg), over_ground=kind == _COURSE_OVER_GROUND)
+    goal = SteerHeading(radians(angle_deg), over_ground=heading_type == _COURSE_OVER_GROUND)
     return context.request(call.message, goal, call.now_s)
 
 
 def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
-    """Steer to an angle, absolute or (param3 = 1) from the present heading; the speed is ignored."""
+    """Steer to an angle, absolute or (param3 = 1) relative to the present heading; the speed is ignored."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
-        return call.denied(_HOW_RELATIVE.format(3))
+        return call.denied(_NEITHER_RELATIVE.format(3))
     if not within(angle_deg, -360.0, 360.0):
         return call.denied("the angle is not within -360 to 360 deg")
     return context.request(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
@@ -139,29 +137,37 @@ def reposition(context: LinkContext, call: CommandCall) -> Answer:
         return call.denied(f"flags (param2) {flags:g} are not within 0 to 65535")
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
-    goal = position_goal(*call.place_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
+    goal = position_goal(*call.position_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
     return call.denied(goal) if isinstance(goal, str) else context.request(call.message, goal, call.now_s)
 
 
 class Setpoints:
-    """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_GLOBAL_INT and _LOCAL_NED, SET_HOME_POSITION: none is acknowledged."""
+    """Executes SET_ATTITUDE_TARGET, SET_POSITION_TARGET_GLOBAL_INT, _LOCAL_NED and SET_HOME_POSITION.
+
+    MAVLink has no acknowledgement for these messages; a refusal is a STATUSTEXT.
+    """
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to ask and to answer through."""
+        """Store the context, which sends messages and passes on requests."""
         self._context = context
-        self._relative: OrderedDict[tuple[Sender, int], tuple[bytes, float]] = OrderedDict()
+        self._relative_goals: OrderedDict[tuple[Sender, int], tuple[bytes, float]] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return the messages handled here."""
-        return {82: self._attitude, 84: self._local, 86: self._global, 243: self._home}
+        """Return the message handlers by message id."""
+        return {
+            82: self._set_attitude,
+            84: self._set_local_position,
+            86: self._set_global_position,
+            243: self._set_home,
+        }
 
-    def _attitude(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _set_attitude(self, peer: Peer, message: Message, now_s: float) -> None:
         """Steer to the heading of the attitude."""
-        ignored = message.type_mask & _IGNORE_ATTITUDE
-        goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
+        is_masked = message.type_mask & _IGNORE_ATTITUDE
+        goal = "the attitude is masked out" if is_masked else attitude_goal(message.q)
         self._context.request_or_warn(peer, message, goal, now_s)
 
-    def _global(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _set_global_position(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, or steer to the direction of velocity or yaw."""
         mask = message.type_mask
         goal: Goal
@@ -173,105 +179,105 @@ class Setpoints:
             goal = direction_goal(message, 0.0)
         self._context.request_or_warn(peer, message, goal, now_s)
 
-    def _local(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _set_local_position(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position relative to home or boat, or steer to the direction of velocity or yaw."""
         goal: Goal
-        if message.coordinate_frame in _RELATIVE_FRAMES and self._is_repeated(message, now_s):
+        if message.coordinate_frame in _RELATIVE_FRAMES and self._is_duplicate(message, now_s):
             return
-        turned_rad = self._frame_heading_rad(message.coordinate_frame)
-        if isinstance(turned_rad, str):
-            goal = turned_rad
+        frame_rad = self._frame_heading_rad(message.coordinate_frame)
+        if isinstance(frame_rad, str):
+            goal = frame_rad
         elif not message.type_mask & _IGNORE_POSITION:
-            goal = self._local_position(message, turned_rad)
+            goal = self._local_position(message, frame_rad)
         else:
-            goal = direction_goal(message, turned_rad)
+            goal = direction_goal(message, frame_rad)
         self._context.request_or_warn(peer, message, goal, now_s)
 
-    def _home(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _set_home(self, peer: Peer, message: Message, now_s: float) -> None:
         """Set home to a position."""
         home = home_request(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         self._context.request_or_warn(peer, message, home, now_s)
 
-    def _is_repeated(self, message: Message, now_s: float) -> bool:
-        """Return whether a relative goal is a duplicate, perhaps of another link; store it."""
+    def _is_duplicate(self, message: Message, now_s: float) -> bool:
+        """Return whether a relative goal is a duplicate, also by another link; otherwise store it."""
         key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
-        before, seen_s = self._relative.get(key, (b"", 0.0))
-        if frame == before and now_s - seen_s < OVERTAKEN_S:
+        stored_frame, received_s = self._relative_goals.get(key, (b"", 0.0))
+        if frame == stored_frame and now_s - received_s < OVERTAKEN_S:
             return True
-        keep_latest(self._relative, key, (frame, now_s), _REMEMBERED)
+        keep_latest(self._relative_goals, key, (frame, now_s), _MAX_RELATIVE_GOALS)
         return False
 
     def _frame_heading_rad(self, frame: int) -> float | str:
-        """Return the direction of a frame's x axis, or the reason of a refusal."""
+        """Return the direction of the x axis of a frame, or the reason of a refusal."""
         if frame not in _LOCAL_FRAMES:
             return f"frame {frame} is not a local one"
         if frame not in _BODY_FRAMES:
             return 0.0
-        boat = self._context.snapshot
-        if boat is None or boat.heading_rad is None or not boat.heading_ok:
-            return "there is no heading to count from"
-        return boat.heading_rad
+        snapshot = self._context.snapshot
+        if snapshot is None or snapshot.heading_rad is None or not snapshot.heading_ok:
+            return "no valid heading for a relative goal"
+        return snapshot.heading_rad
 
-    def _local_position(self, message: Message, turned_rad: float) -> Goal:
-        boat = self._context.snapshot
+    def _local_position(self, message: Message, frame_rad: float) -> Goal:
+        snapshot = self._context.snapshot
         home = self._context.home
         if message.coordinate_frame == _LOCAL_NED:
             if home is None:
-                return "there is no home to count from"
+                return "no home for a relative goal"
             return offset_goal(home.latitude_rad, home.longitude_rad, message.x, message.y)
-        fix = boat.position if boat is not None and boat.position_ok else None
+        fix = snapshot.position if snapshot is not None and snapshot.position_ok else None
         if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
-            return "there is no position to count from"
-        north_m = message.x * math.cos(turned_rad) - message.y * math.sin(turned_rad)
-        east_m = message.x * math.sin(turned_rad) + message.y * math.cos(turned_rad)
+            return "no valid position for a relative goal"
+        north_m = message.x * math.cos(frame_rad) - message.y * math.sin(frame_rad)
+        east_m = message.x * math.sin(frame_rad) + message.y * math.cos(frame_rad)
         return offset_goal(fix.latitude_rad, fix.longitude_rad, north_m, east_m)
 
 
 def attitude_goal(q: list[float]) -> Goal:
     """Return the heading of a quaternion (w, x, y, z), or the reason of a refusal."""
     w, x, y, z = q
-    # Not finite when any part is not; checked by range first, so that no square overflows.
-    if not all(within(part, -1.1, 1.1) for part in q) or abs(math.hypot(w, x, y, z) - 1.0) > _UNIT_TOLERANCE:
-        return "the quaternion is not a unit one"
+    # The range check comes first, so that no square overflows; it also rejects NaN.
+    if not all(within(component, -1.1, 1.1) for component in q) or abs(math.hypot(w, x, y, z) - 1.0) > _UNIT_TOLERANCE:
+        return "the quaternion is not normalized"
     sine, cosine = 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
     if math.hypot(sine, cosine) < _UNIT_TOLERANCE:
-        return "an attitude that points up or down has no heading"
+        return "attitude points up or down: no heading"
     return SteerHeading(wrap_two_pi(math.atan2(sine, cosine)))
 
 
-def direction_goal(message: Message, turned_rad: float) -> Goal:
-    """Return the goal in the velocity, else in the yaw, of a position target; `turned_rad` is its frame's heading."""
+def direction_goal(message: Message, frame_rad: float) -> Goal:
+    """Return the direction of the velocity or, if that is masked out, of the yaw; `frame_rad`: heading of the frame."""
     mask = message.type_mask
     if not mask & _IGNORE_VELOCITY:
         north, east = message.vx, message.vy
-        finite = within(north, -_FASTEST_M_S, _FASTEST_M_S) and within(east, -_FASTEST_M_S, _FASTEST_M_S)
-        if not finite or math.hypot(north, east) < _SLOWEST_M_S:
+        is_in_range = within(north, -_MAX_SPEED_M_S, _MAX_SPEED_M_S) and within(east, -_MAX_SPEED_M_S, _MAX_SPEED_M_S)
+        if not is_in_range or math.hypot(north, east) < _MIN_SPEED_M_S:
             return "the velocity has no direction"
-        return SteerHeading(wrap_two_pi(math.atan2(east, north) + turned_rad), over_ground=True)
+        return SteerHeading(wrap_two_pi(math.atan2(east, north) + frame_rad), over_ground=True)
     if not mask & _IGNORE_YAW:
         if not within(message.yaw, -2.0 * math.pi, 2.0 * math.pi):
-            return "the yaw is not within a turn"
-        return SteerHeading(wrap_two_pi(message.yaw + turned_rad))
+            return "the yaw is not within one turn"
+        return SteerHeading(wrap_two_pi(message.yaw + frame_rad))
     return "position, velocity and yaw are all masked out"
 
 
 def go_to_waypoint(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
-    """Go to the position of a waypoint, and acknowledge it once that is stored for the next start."""
-    result, text = _request_waypoint(context, message, now_s)
+    """Go to the position of a waypoint, and acknowledge once the goal is stored for the next start."""
+    result, refusal = _request_waypoint(context, message, now_s)
 
-    def answer(kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
+    def finish(is_stored: bool) -> None:  # noqa: FBT001 - callback of the request handler
         acknowledge(context, peer, sender_of(message), message.mission_type, result)
-        if not kept:
-            lost = "guided waypoint: taken, but it could not be stored; a restart may forget it"
-            context.send_text_limited(peer, Severity.ERROR, lost, context.now_s)
+        if not is_stored:
+            text = "guided waypoint active but not stored"
+            context.send_text_limited(peer, Severity.ERROR, text, context.now_s)
         peer.outbox.flush(context.now_s)
 
     if result is PlanResult.ACCEPTED:
-        context.request_handler.when_orders_stored(answer)
+        context.request_handler.when_orders_stored(finish)
         return
     acknowledge(context, peer, sender_of(message), message.mission_type, result)
-    if text:
-        context.send_text_limited(peer, Severity.WARNING, text, now_s)
+    if refusal:
+        context.send_text_limited(peer, Severity.WARNING, refusal, now_s)
 
 
 def _request_waypoint(context: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
@@ -290,56 +296,56 @@ def _request_waypoint(context: LinkContext, message: Message, now_s: float) -> t
 
 
 class ManualControl:
-    """Converts stick messages into rudder deflections."""
+    """Converts MANUAL_CONTROL and RC_CHANNELS_OVERRIDE into rudder deflections."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to ask and to answer through."""
+        """Store the context, which sends messages and passes on requests."""
         self._context = context
-        self._idle = ""  # latest reported reason why the override has no effect
+        self._ignored_reason = ""  # latest report
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return the messages handled here."""
-        return {69: self._stick, 70: self._override}
+        """Return the message handlers by message id."""
+        return {69: self._control_manually, 70: self._override_channel}
 
-    def _stick(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Take the roll axis y, or the yaw axis r if y is marked invalid."""
+    def _control_manually(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Set the rudder by the roll axis y, or by the yaw axis r if y is marked invalid."""
         axis = message.r if message.y == INT16_MAX else message.y
         if axis == INT16_MAX:
             return
-        valid = within(axis, -_FULL_STICK, _FULL_STICK)
-        intent = ManualRudder(axis / _FULL_STICK) if valid else "the stick is not within -1000 to 1000"
+        is_valid = within(axis, -_FULL_STICK, _FULL_STICK)
+        intent = ManualRudder(axis / _FULL_STICK) if is_valid else "the stick is not within -1000 to 1000"
         self._context.request_or_warn(peer, message, intent, now_s)
 
-    def _override(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Take channel 1: 1000 to 2000 us, 0 releases it; an override without effect is reported once."""
-        pulse_us, held = message.chan1_raw, message.chan1_raw not in (_RELEASE, _IGNORE)
-        if held and not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
+    def _override_channel(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Set the rudder by channel 1 (1000 to 2000 us; 0 releases it); an ignored override is reported once."""
+        pulse_us, is_set = message.chan1_raw, message.chan1_raw not in (_RELEASE, _IGNORE)
+        if is_set and not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
             self._context.request_or_warn(peer, message, "channel 1 is not within 1000 to 2000", now_s)
             return
-        self._report_idle_override(peer, message, now_s)
+        self._report_ignored_override(peer, message, now_s)
         if pulse_us == _IGNORE:
             return
-        self._context.override_us = (now_s, pulse_us) if held else None
-        deflection = (pulse_us - _CENTRE_US) / _FULL_US if held else None
+        self._context.override_us = (now_s, pulse_us) if is_set else None
+        deflection = (pulse_us - _CENTRE_US) / _FULL_US if is_set else None
         self._context.request_or_warn(peer, message, ManualRudder(deflection), now_s)
 
-    def _report_idle_override(self, peer: Peer, message: Message, now_s: float) -> None:
-        idle = self._idle_override(message)
-        if idle and idle != self._idle:
-            self._context.send_text_limited(peer, Severity.NOTICE, idle, now_s)
-        self._idle = idle
+    def _report_ignored_override(self, peer: Peer, message: Message, now_s: float) -> None:
+        reason = self._reason_ignored(message)
+        if reason and reason != self._ignored_reason:
+            self._context.send_text_limited(peer, Severity.NOTICE, reason, now_s)
+        self._ignored_reason = reason
 
-    def _idle_override(self, message: Message) -> str:
-        """Return why an override has no effect; empty if it has one, or only releases."""
-        boat = self._context.snapshot
+    def _reason_ignored(self, message: Message) -> str:
+        """Return the reason why an override is ignored; empty if it has an effect or only releases channels."""
+        snapshot = self._context.snapshot
         if message.chan1_raw not in (_RELEASE, _IGNORE):
-            if boat is not None and not boat.armed:
-                return "RC override does nothing: disarmed"
-            if boat is not None and not MODES[boat.mode].base_mode & BaseMode.MANUAL_INPUT:
-                return f"RC override does nothing in {boat.mode.name}: {_CHANNEL_1}"
+            if snapshot is not None and not snapshot.armed:
+                return "RC override ignored: disarmed"
+            if snapshot is not None and not MODES[snapshot.mode].base_mode & BaseMode.MANUAL_INPUT:
+                return f"RC override ignored in {snapshot.mode.name}: {_CHANNEL_1}"
             return ""
         if any(getattr(message, name) not in (_RELEASE, _IGNORE) for name in _OTHER_CHANNELS):
-            return f"RC override does nothing: {_CHANNEL_1}"
+            return f"RC override ignored: {_CHANNEL_1}"
         return ""
 
 

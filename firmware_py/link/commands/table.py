@@ -1,4 +1,4 @@
-"""The table of all commands; the reference page (params/MESSAGES.md) is generated from it."""
+"""Table of all commands; the reference page params/MESSAGES.md is generated from it."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""The STATUSTEXTs of commands and their refusals: meaning and remedy, for params/TEXTS.md."""
+"""STATUSTEXTs of commands and their refusals: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-_AS_NAMED = "correct the named value and send the command again"
-_NO_PLACE = "latitude or longitude is out of range or not a number"
+_CORRECT_VALUE = "correct the named value and send the command again"
+_INVALID_POSITION = "latitude or longitude is out of range or not a number"
 _DISARM = "disarm the boat first"
-_NOT_STORED = "in force, but not on disk: a restart may lose it"
+_NOT_STORED = "active, but not on disk: a restart may lose it"
 _DISK = "see STORAGE_FAILING; send the command again when the disk works"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
@@ -20,10 +20,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Too many commands in progress": ("eight long commands are in progress", "wait for their acknowledgements"),
     "<command> is already in progress": ("the same command is in progress", "wait, or cancel it with COMMAND_CANCEL"),
     "not done in time": ("a long command has exceeded its timeout", "see the texts before it; try again"),
-    "done, but not on disk yet; a restart may forget it": (_NOT_STORED, _DISK),
-    "<command>: done, but it could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
-    "guided waypoint: taken, but it could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
-    "Item <number> is under way, but this could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
+    "done but not yet stored": (_NOT_STORED, _DISK),
+    "<command>: done but not stored": (_NOT_STORED, _DISK),
+    "guided waypoint active but not stored": (_NOT_STORED, _DISK),
+    "Mission item <number> active but not stored": (_NOT_STORED, _DISK),
     "<request> is not supported yet": ("not supported by this version", "use another command"),
     "PreArm: all good": ("arming would be accepted", "nothing"),
     "PreArm: starting": ("the autopilot is starting", "try again in a second"),
@@ -33,17 +33,17 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "remove the named cause (see the faults below); param2 = 21196 forces arming",
     ),
     "Mode <number> is not known; there are <modes>": ("the mode is not supported", "choose one of the named modes"),
-    "only custom modes can be set": ("DO_SET_MODE without the flag for custom modes", _AS_NAMED),
-    "the mode is not a whole number": ("the mode number is not an integer", _AS_NAMED),
+    "only custom modes can be set": ("DO_SET_MODE without the flag for custom modes", _CORRECT_VALUE),
+    "the mode is not a whole number": ("the mode number is not an integer", _CORRECT_VALUE),
     "<command>: standard mode not supported; use 5 (RTL) or 6 (AUTO)": (
         "of the standard modes, mission and return are supported",
-        _AS_NAMED,
+        _CORRECT_VALUE,
     ),
     "<mode> refused: <why>": (
         "a requirement of the mode is missing",
         "provide what is named: position, home, mission or heading",
     ),
-    "Heading goal is out of range": ("the heading is not a number", _AS_NAMED),
+    "Heading goal is out of range": ("the heading is not a number", _CORRECT_VALUE),
     "Heading goal refused in <mode>: enter <mode> first": (
         "this mode follows another goal",
         "enter the named mode, or use DO_REPOSITION with flag 1, which changes the mode",
@@ -52,95 +52,98 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a relative heading needs a valid heading",
         "see the faults of the compass",
     ),
-    "Position goal is out of range": (_NO_PLACE, _AS_NAMED),
-    "Position goal refused in <mode>: enter <mode> first": ("this mode follows another goal", _AS_NAMED),
+    "Position goal is out of range": (_INVALID_POSITION, _CORRECT_VALUE),
+    "Position goal refused in <mode>: enter <mode> first": ("this mode follows another goal", _CORRECT_VALUE),
     "Position goal refused: no position": ("the position is unknown", "see POSITION_LOST"),
-    "there is no heading to count from": (
+    "no valid heading for a relative goal": (
         "the goal is relative, and no heading is valid",
         "see the faults of the compass",
     ),
-    "there is no home to count from": ("the goal is relative to home, which is not set", "DO_SET_HOME, or a fix"),
-    "there is no position to count from": (
+    "no home for a relative goal": ("the goal is relative to home, which is not set", "DO_SET_HOME, or a fix"),
+    "no valid position for a relative goal": (
         "the goal is relative to the boat, and there is no fix",
         "see POSITION_LOST",
     ),
-    "the quaternion is not a unit one": ("invalid attitude in SET_ATTITUDE_TARGET", _AS_NAMED),
-    "an attitude that points up or down has no heading": ("the attitude contains no heading", _AS_NAMED),
-    "the velocity has no direction": ("the velocity is nearly zero or not a number", _AS_NAMED),
-    "the yaw is not within a turn": ("the yaw is too large or not a number", _AS_NAMED),
-    "position, velocity and yaw are all masked out": ("all fields of the position target are masked out", _AS_NAMED),
-    "the attitude is masked out": ("the attitude of SET_ATTITUDE_TARGET is masked out", _AS_NAMED),
+    "the quaternion is not normalized": ("invalid attitude in SET_ATTITUDE_TARGET", _CORRECT_VALUE),
+    "attitude points up or down: no heading": ("the attitude contains no heading", _CORRECT_VALUE),
+    "the velocity has no direction": ("the velocity is nearly zero or not a number", _CORRECT_VALUE),
+    "the yaw is not within one turn": ("the yaw is too large or not a number", _CORRECT_VALUE),
+    "position, velocity and yaw are all masked out": (
+        "all fields of the position target are masked out",
+        _CORRECT_VALUE,
+    ),
+    "the attitude is masked out": ("the attitude of SET_ATTITUDE_TARGET is masked out", _CORRECT_VALUE),
     "the stick is not within -1000 to 1000": ("field y or r of MANUAL_CONTROL", "calibrate the joystick"),
-    "RC override does nothing: disarmed": (
+    "RC override ignored: disarmed": (
         "the rudder follows a stick only while armed",
         "arm, or release the override",
     ),
-    "RC override does nothing: channel 1 is the rudder in MANUAL, the heading in STEERING": (
+    "RC override ignored: channel 1 is the rudder in MANUAL, the heading in STEERING": (
         "only other channels are overridden",
         "use channel 1, or release the override",
     ),
-    "RC override does nothing in <mode>: channel 1 is the rudder in MANUAL, the heading in STEERING": (
+    "RC override ignored in <mode>: channel 1 is the rudder in MANUAL, the heading in STEERING": (
         "in this mode the stick is ignored",
         "choose MANUAL or STEERING, or release the override",
     ),
-    "param<number> is <value>; allowed: <values>": ("follows the name of the command", _AS_NAMED),
+    "param<number> is <value>; allowed: <values>": ("follows the name of the command", _CORRECT_VALUE),
     "Speed command ignored: a wave glider cannot set its speed": (
         "DO_CHANGE_SPEED is accepted for compatibility only",
         "nothing",
     ),
     "Rambler <version>": ("the program and its commit (DO_SEND_BANNER)", "nothing"),
     "channel 1 is not within 1000 to 2000": ("channel 1 of RC_CHANNELS_OVERRIDE, in us", "calibrate the joystick"),
-    "frame <number> is not a local one": ("the frame of the position target is not supported", _AS_NAMED),
-    "the position is not within <number> km": ("a local position must be near home or the boat", _AS_NAMED),
-    "local positions end at the poles": ("north and east are undefined", "send latitude and longitude"),
-    "latitude or longitude out of range": (_NO_PLACE, _AS_NAMED),
-    "frame <number> is not a global one": ("the command needs latitude and longitude", _AS_NAMED),
-    "param<number> says neither absolute (0) nor relative (1)": ("follows the name of the command", _AS_NAMED),
-    "the direction is not -1, 0 or 1": ("param3 of CONDITION_YAW", _AS_NAMED),
-    "the angle is not within <limits> deg": ("follows the name of the command", _AS_NAMED),
-    "the type is neither course over ground (0) nor heading (1)": ("param1 of GUIDED_CHANGE_HEADING", _AS_NAMED),
-    "flags (param2) <number> are not within 0 to 65535": ("param2 of DO_REPOSITION", _AS_NAMED),
-    "param1 is neither 0 nor 1": ("follows the name of the command", _AS_NAMED),
-    "param2 <number> is neither 0 nor 1": ("follows the name of the command", _AS_NAMED),
+    "frame <number> is not a local one": ("the frame of the position target is not supported", _CORRECT_VALUE),
+    "the position is not within <number> km": ("a local position must be near home or the boat", _CORRECT_VALUE),
+    "local position beyond a pole": ("north and east are undefined", "send latitude and longitude"),
+    "latitude or longitude out of range": (_INVALID_POSITION, _CORRECT_VALUE),
+    "frame <number> is not a global one": ("the command needs latitude and longitude", _CORRECT_VALUE),
+    "param<number> is neither 0 (absolute) nor 1 (relative)": ("follows the name of the command", _CORRECT_VALUE),
+    "the direction is not -1, 0 or 1": ("param3 of CONDITION_YAW", _CORRECT_VALUE),
+    "the angle is not within <limits> deg": ("follows the name of the command", _CORRECT_VALUE),
+    "the type is neither course over ground (0) nor heading (1)": ("param1 of GUIDED_CHANGE_HEADING", _CORRECT_VALUE),
+    "flags (param2) <number> are not within 0 to 65535": ("param2 of DO_REPOSITION", _CORRECT_VALUE),
+    "param1 is neither 0 nor 1": ("follows the name of the command", _CORRECT_VALUE),
+    "param2 <number> is neither 0 nor 1": ("follows the name of the command", _CORRECT_VALUE),
     "Stick is out of range": ("invalid value in MANUAL_CONTROL or RC_CHANNELS_OVERRIDE", "calibrate the joystick"),
-    "Home refused: position out of range": (_NO_PLACE, _AS_NAMED),
+    "Home refused: position out of range": (_INVALID_POSITION, _CORRECT_VALUE),
     "Home refused: no position": ("home at the present position needs a fix", "wait for a fix, or send a position"),
     "position 0, 0 is not accepted": ("stations send this when they have no position", "send a position"),
     "home at 0, 0 is not accepted": ("stations send this when they have no position", "send a position"),
-    "the altitude is out of range": ("altitude of home, in metres", _AS_NAMED),
-    "LOITER holds the present position; use DO_REPOSITION": (
+    "the altitude is out of range": ("altitude of home, in metres", _CORRECT_VALUE),
+    "position not supported; use DO_REPOSITION": (
         "NAV_LOITER_UNLIM was sent with a position",
         "use DO_REPOSITION, or send no position",
     ),
     "there is no mission": ("MISSION_START needs a mission", "upload a mission"),
     "There is no mission": ("the request needs a mission", "upload a mission"),
-    "Item <number> refused: mission has items <number> to <number>": ("there is no such item", _AS_NAMED),
-    "<command>: the mission has no such item": ("there is no such item", _AS_NAMED),
-    "<number> to <number> are not a first item of the mission and its last": (
+    "Item <number> refused: mission has items <number> to <number>": ("there is no such item", _CORRECT_VALUE),
+    "<command>: the mission has no such item": ("there is no such item", _CORRECT_VALUE),
+    "first item <number> or last item <number> is not valid": (
         "param1 and param2 of MISSION_START",
-        _AS_NAMED,
+        _CORRECT_VALUE,
     ),
     "Pause refused in <mode>: only AUTO has a mission": ("only AUTO can be paused", "enter AUTO first"),
     "There is no fence": ("without a fence it cannot be enabled", "upload a fence"),
     "<command>: fence kinds cannot be chosen; use param2 = 0": (
         "the fence is enabled or disabled as a whole",
-        _AS_NAMED,
+        _CORRECT_VALUE,
     ),
-    "the kinds of fence are not a number": ("param2 of DO_FENCE_ENABLE", _AS_NAMED),
+    "the kinds of fence are not a number": ("param2 of DO_FENCE_ENABLE", _CORRECT_VALUE),
     "Battery report refused: value out of range": (
         "another component sent an impossible battery value",
         "check that component",
     ),
-    "Bench rudder is out of range": ("the pulse is not a number", _AS_NAMED),
+    "Bench rudder is out of range": ("the pulse is not a number", _CORRECT_VALUE),
     "Bench rudder refused: armed": ("direct rudder commands are for the bench only", _DISARM),
     "Bench rudder refused: rudder servo not responding": ("the servo does not reply", "see RUDDER_SILENT"),
-    "there is servo 1, the rudder, only": ("param1 of DO_SET_SERVO", _AS_NAMED),
-    "the pulse is not within 1000 to 2000 us": ("param2 of DO_SET_SERVO", _AS_NAMED),
+    "only servo 1, the rudder, is supported": ("param1 of DO_SET_SERVO", _CORRECT_VALUE),
+    "the pulse is not within 1000 to 2000 us": ("param2 of DO_SET_SERVO", _CORRECT_VALUE),
     "Restart refused: armed": ("during a restart the rudder is not controlled for a second", "disarm, or force it"),
-    "param1 is neither 0, 1 (restart) nor 2 (shut down)": ("param1 of PREFLIGHT_REBOOT_SHUTDOWN", _AS_NAMED),
-    "<command>: only the autopilot itself can be restarted": ("other components cannot be restarted", _AS_NAMED),
+    "param1 is neither 0, 1 (restart) nor 2 (shut down)": ("param1 of PREFLIGHT_REBOOT_SHUTDOWN", _CORRECT_VALUE),
+    "<command>: only the autopilot itself can be restarted": ("other components cannot be restarted", _CORRECT_VALUE),
     "Reset of parameters refused: armed": ("the reset changes the steering", _DISARM),
-    "param1 is neither 0 (read), 1 (write) nor 2 (reset)": ("param1 of PREFLIGHT_STORAGE", _AS_NAMED),
+    "param1 is neither 0 (read), 1 (write) nor 2 (reset)": ("param1 of PREFLIGHT_STORAGE", _CORRECT_VALUE),
     "<command>: plans are cleared by MISSION_CLEAR_ALL": (
         "PREFLIGHT_STORAGE is for parameters only",
         "use MISSION_CLEAR_ALL",
@@ -150,19 +153,19 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "restart the autopilot",
     ),
     "not stored, parameters unchanged": ("the parameters were not reset", _DISK),
-    "All settings stored": ("everything in force is on disk", "nothing"),
-    "not all stored; retrying": ("some settings in force are not on disk yet", _DISK),
+    "All settings stored": ("all parameters are on disk", "nothing"),
+    "not all stored; retrying": ("some parameters are not on disk yet", _DISK),
     "<parameter> is now <value>": ("a calibration has set and stored a parameter", "nothing"),
-    "<parameter> is in force but could not be stored": (_NOT_STORED, _DISK),
+    "<parameter> active but not stored": (_NOT_STORED, _DISK),
     "<parameter>: takes effect at the next start": (
         "it is stored",
         "restart the autopilot (PREFLIGHT_REBOOT_SHUTDOWN)",
     ),
     "<parameter> is read-only": ("the autopilot maintains the value itself", "nothing"),
-    "<parameter>: <value> is not a number; allowed: <values>": ("the value is not accepted", _AS_NAMED),
-    "<parameter>: <value> is not a whole number; allowed: <values>": ("the value is not accepted", _AS_NAMED),
-    "<parameter>: <value> is out of range; allowed: <values>": ("the value is not accepted", _AS_NAMED),
-    "<parameter>: <value> is not one of its values; allowed: <values>": ("the value is not accepted", _AS_NAMED),
+    "<parameter>: <value> is not a number; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
+    "<parameter>: <value> is not a whole number; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
+    "<parameter>: <value> is out of range; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
+    "<parameter>: <value> is not one of its values; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
     "unknown parameter <name>; near it: <names>": (
         "name of another version, or mistyped",
         "use one of the similar names",
@@ -173,15 +176,15 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the compass does not reply, or a calibration is running",
         "check power and cable of the compass; COMMAND_CANCEL ends a running calibration",
     ),
-    "Calibration refused: the rudder servo gives no angle": ("no reading from the encoder", "see RUDDER_SILENT"),
-    "<command>: there are the rudder's centre <what else there is>": (
+    "Calibration refused: no rudder angle from the servo": ("no reading from the encoder", "see RUDDER_SILENT"),
+    "<command>: supported are the rudder centre <and other calibrations>": (
         "the calibration is not supported",
         "use one of the named calibrations; see the page on calibration",
     ),
-    "the yaw is not within -360 to 360 deg": ("param1 of FIXED_MAG_CAL_YAW", _AS_NAMED),
+    "the yaw is not within -360 to 360 deg": ("param1 of FIXED_MAG_CAL_YAW", _CORRECT_VALUE),
     "compass mask (<parameter>) <number> is neither 0 nor 1": (
         "the boat calibrates one compass; the text follows the name of the command",
-        _AS_NAMED,
+        _CORRECT_VALUE,
     ),
     "Compass swing refused: <why>": (
         "a swing needs the boat armed and under way, with compass and GPS",
@@ -199,15 +202,15 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "proposed `CMP_DEV_A` to `CMP_DEV_E`, standard deviation, error of the present values, residual",
         "accept when the error is clearly larger than the standard deviation; until then the proposal improves",
     ),
-    "Compass swing: <coefficients> deg is in force": (
+    "Compass swing: <coefficients> deg set": (
         "the proposal was accepted",
         "DO_CANCEL_MAG_CAL restores the old values",
     ),
-    "Compass swing: <coefficients> deg is taken back": ("the old values are in force again", "nothing"),
+    "Compass swing: <coefficients> deg restored": ("the old values are active again", "nothing"),
     "Compass swing: cancelled, nothing was set": ("the observations are deleted", "nothing"),
-    "the deviation is in force but could not be stored": (_NOT_STORED, _DISK),
+    "deviation active but not stored": (_NOT_STORED, _DISK),
     "interval must be 20 ms (satellite: 10 s) to 1 h, 0 or -1; HEARTBEAT is fixed": (
         "allowed intervals of SET_MESSAGE_INTERVAL",
-        _AS_NAMED,
+        _CORRECT_VALUE,
     ),
 }

@@ -1,4 +1,4 @@
-"""Plan items on the wire: home as item 0 of a mission, sequence numbers, degrees and integers; duplicate messages."""
+"""Conversion of plan items to and from MAVLink messages, home as item 0, and detection of duplicate messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firmware_py.link.peers import Peer, Sender, Station
 from firmware_py.link.telemetry.fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
-from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.items import Command, has_position
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
 KINDS = {int(kind): kind for kind in PlanKind}
@@ -24,49 +24,52 @@ _ITEM = mavlink.MAVLink_mission_item_message
 _ACK = mavlink.mavlink_map[47]
 _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
-_AT_HOME = 1000  # 1e-7 deg: some 11 m
+_HOME_TOLERANCE = 1000  # 1e-7 deg: about 11 m
 
-_DUPLICATE_S = 10.0  # maximum delay of a duplicate; a repeated request has another frame number
-_REMEMBERED = 16
+_MAX_DUPLICATE_DELAY_S = 10.0  # a request that the station repeats has another frame number
+_MAX_LATEST_MESSAGES = 16
 
 
 def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
-    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, with jump targets as in the plan; or its problem."""
+    """Return the plan item of a MISSION_ITEM or MISSION_ITEM_INT, or its problem; jump targets are plan indices."""
     x, y = message.x, message.y
     if type(message).id == _ITEM.id:
-        place = has_place(message.command)
-        x, y = _whole(x, scaled=place), _whole(y, scaled=place)
+        has_degrees = has_position(message.command)
+        x, y = _to_int32(x, is_degrees=has_degrees), _to_int32(y, is_degrees=has_degrees)
         if x is None:
             return PlanProblem(None, PlanResult.INVALID_PARAM5_X, "x is out of range")
         if y is None:
             return PlanProblem(None, PlanResult.INVALID_PARAM6_Y, "y is out of range")
-    jumps = message.command == Command.JUMP
-    if jumps and 0.0 <= message.param1 < home_count:
-        return PlanProblem(None, PlanResult.INVALID_PARAM1, "DO_JUMP: param1 is home, which is no item to go on with")
-    first = message.param1 - home_count if jumps else message.param1
-    parameters = (first, message.param2, message.param3, message.param4)
-    return PlanItem(message.command, message.frame, bool(message.autocontinue), parameters, x, y, message.z)
+    is_jump = message.command == Command.JUMP
+    if is_jump and 0.0 <= message.param1 < home_count:
+        return PlanProblem(None, PlanResult.INVALID_PARAM1, "DO_JUMP: param1 is home, not a mission item")
+    param1 = message.param1 - home_count if is_jump else message.param1
+    params = (param1, message.param2, message.param3, message.param4)
+    return PlanItem(message.command, message.frame, bool(message.autocontinue), params, x, y, message.z)
 
 
-def _whole(value: float, *, scaled: bool) -> int | None:
-    """Return a coordinate as an integer, or None; NaN is 0 in an item without a position."""
-    if math.isnan(value) and not scaled:
+def _to_int32(value: float, *, is_degrees: bool) -> int | None:
+    """Return a coordinate of MISSION_ITEM as in MISSION_ITEM_INT (degrees in 1e-7 deg), or None if it is out of range.
+
+    In an item without a position, NaN becomes 0.
+    """
+    if math.isnan(value) and not is_degrees:
         return 0
     if not abs(value) < _INT32:
         return None
-    number = round(value * 1e7) if scaled else int(value)
-    return number if -_INT32 <= number < _INT32 else None
+    integer = round(value * 1e7) if is_degrees else int(value)
+    return integer if -_INT32 <= integer < _INT32 else None
 
 
 def new_plan_text(plan: Plan, autopilot: int) -> str:
-    """Return the text on a new plan; a mission by its item numbers, since stations differ in counting home."""
+    """Return the text for a new plan; a mission has item numbers, because ground stations count home differently."""
     first, count = first_item_number(autopilot, plan.kind), len(plan.items)
-    extent = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
-    return f"New {NAMES[plan.kind]}: {extent}"
+    items = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
+    return f"New {NAMES[plan.kind]}: {items}"
 
 
 def home_item(home: Home | None) -> PlanItem:
-    """Return home as item 0 of a mission; at 0, 0 while there is no home."""
+    """Return home as item 0 of a mission, at 0, 0 if home is not set."""
     if home is None:
         return PlanItem(int(Command.WAYPOINT))
     x, y = scaled_degrees(home.latitude_rad), scaled_degrees(home.longitude_rad)
@@ -74,53 +77,55 @@ def home_item(home: Home | None) -> PlanItem:
 
 
 def is_waypoint_for_home(message: Message, home: Home | None) -> bool:
-    """Return whether item 0 of a received mission was meant as a waypoint to sail to.
+    """Return whether item 0 of a received mission is a waypoint instead of home.
 
-    A station that knows item 0 as home sends it with an absolute altitude, or home itself, or zeros.
+    A ground station that uses item 0 for home sends an absolute altitude, the present home position, or zeros.
     """
     item = item_of(message, 0)
     if isinstance(item, PlanProblem) or not (item.x or item.y):
         return False
     if item.command == Command.WAYPOINT and item.frame in _FRAMES_OF_HOME:
         return False
-    there = home_item(home)
-    return max(abs(item.x - there.x), abs(item.y - there.y)) > _AT_HOME
+    expected = home_item(home)
+    return max(abs(item.x - expected.x), abs(item.y - expected.y)) > _HOME_TOLERANCE
 
 
 def item_message(
-    item: PlanItem, to: Sender, kind: PlanKind, sequence: int, *, home_count: int, current: bool, whole: bool
+    item: PlanItem, recipient: Sender, kind: PlanKind, sequence: int, *, home_count: int, is_current: bool, is_int: bool
 ) -> Message:
-    """Return an item as MISSION_ITEM_INT (`whole`) or as MISSION_ITEM."""
-    first, second, third, fourth = item.params
+    """Return an item as MISSION_ITEM_INT (`is_int`) or as MISSION_ITEM."""
+    param1, param2, param3, param4 = item.params
     if item.command == Command.JUMP:
-        first += home_count
+        param1 += home_count
     x: float = item.x
     y: float = item.y
-    if not whole and has_place(item.command):
+    if not is_int and has_position(item.command):
         x, y = x * 1e-7, y * 1e-7
-    make = _ITEM_INT if whole else _ITEM
-    head = (*to, sequence, item.frame, item.command, int(current), int(item.autocontinue))
-    return make(*head, first, second, third, fourth, x, y, item.z, int(kind))
+    make_message = _ITEM_INT if is_int else _ITEM
+    header = (*recipient, sequence, item.frame, item.command, int(is_current), int(item.autocontinue))
+    return make_message(*header, param1, param2, param3, param4, x, y, item.z, int(kind))
 
 
-def acknowledge(context: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
+def acknowledge(
+    context: LinkContext, peer: Peer, recipient: Sender, kind: int, result: PlanResult, identity: int = 0
+) -> None:
     """Send a MISSION_ACK; `identity` is the opaque id of an accepted plan."""
-    context.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)
+    context.send(peer, _ACK(*recipient, int(result), kind, identity), Priority.URGENT)
 
 
 class DuplicateMessages:
-    """The frame number of the latest message of each station, message type and plan type; bounded."""
+    """The frame number of the latest message of each station, message type and plan type, of limited number."""
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Start without messages."""
         self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int, int], float]] = OrderedDict()
 
     def is_duplicate(self, station: Station, message: Message, now_s: float) -> bool:
-        """Return whether a message is a duplicate of the latest of its kind; store it if not."""
+        """Return whether a message is a duplicate of the latest of its type; otherwise store it as the latest."""
         key = (station, type(message).id, message.mission_type)
-        mark = (getattr(message, "count", 0), message.get_seq())
-        before, seen_s = self._latest.get(key, (None, 0.0))
-        if mark == before and now_s - seen_s < _DUPLICATE_S:
+        frame_key = (getattr(message, "count", 0), message.get_seq())
+        latest_key, received_s = self._latest.get(key, (None, 0.0))
+        if frame_key == latest_key and now_s - received_s < _MAX_DUPLICATE_DELAY_S:
             return True
-        keep_latest(self._latest, key, (mark, now_s), _REMEMBERED)
+        keep_latest(self._latest, key, (frame_key, now_s), _MAX_LATEST_MESSAGES)
         return False

@@ -1,7 +1,8 @@
-"""Plans in one file transfer: `@MISSION/mission.dat`, `fence.dat` and `rally.dat`, for reading and writing.
+"""Plans as files of file transfer: `@MISSION/mission.dat`, `fence.dat` and `rally.dat`, for reading and writing.
 
-Source: ArduPilot, libraries/AP_Filesystem/README.md. Five numbers (magic, MAV_MISSION_TYPE, options, first item,
-count), then the payload of a MISSION_ITEM_INT for each item, with numbers and home as in the mission protocol.
+Source: ArduPilot, libraries/AP_Filesystem/README.md. The header has five numbers (magic, MAV_MISSION_TYPE, options,
+first item, count). The payload of a MISSION_ITEM_INT for each item follows, with numbers and home as in the mission
+protocol.
 """
 
 from __future__ import annotations
@@ -31,38 +32,38 @@ PATHS: Mapping[PlanKind, PathParts] = {
     PlanKind.RALLY: ("@MISSION", "rally.dat"),
 }
 _MAGIC = 0x763D
-_HEAD = struct.Struct("<HHHHH")
+_HEADER = struct.Struct("<HHHHH")
 _ITEM = mavlink.MAVLink_mission_item_int_message
 
 
 def pack(plan: Plan, home: Home | None, home_count: int) -> bytes:
-    """Return a plan as a file."""
+    """Encode a plan as a file."""
     items = (*(home_item(home),) * (home_count if plan.items else 0), *plan.items)
-    rows = [_HEAD.pack(_MAGIC, int(plan.kind), 0, 0, len(items))]
-    for number, item in enumerate(items):
-        message = item_message(item, (0, 0), plan.kind, number, home_count=home_count, current=False, whole=True)
-        rows.append(_ITEM.unpacker.pack(*(getattr(message, name) for name in _ITEM.ordered_fieldnames)))
-    return b"".join(rows)
+    encoded = [_HEADER.pack(_MAGIC, int(plan.kind), 0, 0, len(items))]
+    for sequence, item in enumerate(items):
+        message = item_message(item, (0, 0), plan.kind, sequence, home_count=home_count, is_current=False, is_int=True)
+        encoded.append(_ITEM.unpacker.pack(*(getattr(message, name) for name in _ITEM.ordered_fieldnames)))
+    return b"".join(encoded)
 
 
 def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProblem:
-    """Return the validated plan of an uploaded file, or its problem."""
-    if len(content) < _HEAD.size:
-        return _fault("shorter than its head")
-    magic, number, options, first, count = _HEAD.unpack_from(content)
+    """Decode and validate an uploaded file; return the plan, or its first problem."""
+    if len(content) < _HEADER.size:
+        return _file_problem("file shorter than its header")
+    magic, kind_number, options, first_item, count = _HEADER.unpack_from(content)
     if magic != _MAGIC:
-        return _fault(f"begins with {magic:#06x} instead of {_MAGIC:#06x}")
-    if number != int(kind):
-        return _fault(f"holds a plan of kind {number} instead of {int(kind)}")
-    if options or first:
-        return _fault("only whole plans are taken")
+        return _file_problem(f"begins with {magic:#06x} instead of {_MAGIC:#06x}")
+    if kind_number != int(kind):
+        return _file_problem(f"plan type {kind_number} instead of {int(kind)}")
+    if options or first_item:
+        return _file_problem("partial plan files are not supported")
     if count > MAX_PLAN_ITEMS + home_count:
         return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MAX_PLAN_ITEMS} are supported")
-    if len(content) != _HEAD.size + count * _ITEM.unpacker.size:
-        return _fault(f"{len(content)} bytes do not hold {count} items")
+    if len(content) != _HEADER.size + count * _ITEM.unpacker.size:
+        return _file_problem(f"{len(content)} bytes do not match {count} items")
     items: list[PlanItem] = []
     for sequence in range(home_count, count):
-        fields = _ITEM.unpacker.unpack_from(content, _HEAD.size + sequence * _ITEM.unpacker.size)
+        fields = _ITEM.unpacker.unpack_from(content, _HEADER.size + sequence * _ITEM.unpacker.size)
         message = _ITEM(**dict(zip(_ITEM.ordered_fieldnames, fields, strict=True)))
         if message.seq != sequence:
             return PlanProblem(sequence - home_count, PlanResult.INVALID_SEQUENCE, f"is numbered {message.seq}")
@@ -76,55 +77,55 @@ def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProble
     return problem_of(plan) or plan
 
 
-def _fault(text: str) -> PlanProblem:
+def _file_problem(text: str) -> PlanProblem:
     return PlanProblem(None, PlanResult.INVALID, text)
 
 
 class PlanFiles:
-    """The three files. 2000 items are packed and validated on the worker, since that takes too long for the loop."""
+    """The plan files. The worker encodes and validates them: 2000 items take too long for the loop."""
 
     def __init__(self, context: LinkContext, worker: Worker) -> None:
-        """Take the context and the worker."""
+        """Store the context and the worker."""
         self._context = context
         self._worker = worker
 
     def generated(self) -> Mapping[PathParts, Generate]:
-        """Return the files that can be read."""
-        return {path: self._maker(kind) for kind, path in PATHS.items()}
+        """Return the generators of the readable files by path."""
+        return {path: self._make_generator(kind) for kind, path in PATHS.items()}
 
     def sinks(self) -> Mapping[PathParts, Sink]:
-        """Return the files that can be written."""
-        return {path: self._sink(kind) for kind, path in PATHS.items()}
+        """Return the sinks of the writable files by path."""
+        return {path: self._make_sink(kind) for kind, path in PATHS.items()}
 
-    def _maker(self, kind: PlanKind) -> Generate:
-        def make(_: Query) -> bytes:
+    def _make_generator(self, kind: PlanKind) -> Generate:
+        def generate(_: Query) -> bytes:
             plan = self._context.request_handler.plans().of(kind)
             return pack(plan, self._context.home, first_item_number(self._context.autopilot, kind))
 
-        return make
+        return generate
 
-    def _sink(self, kind: PlanKind) -> Sink:
-        def put_in_force(content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
+    def _make_sink(self, kind: PlanKind) -> Sink:
+        def apply_file(content: bytes, origin: Origin, finish: Callable[[str], None]) -> None:
             home_count = first_item_number(self._context.autopilot, kind)
 
-            def judged(plan: Plan | PlanProblem | Exception) -> None:
+            def receive_result(plan: Plan | PlanProblem | Exception) -> None:
                 if isinstance(plan, Plan):
-                    self._replace(plan, origin, done)
+                    self._replace_plan(plan, origin, finish)
                 elif isinstance(plan, PlanProblem):
-                    done(plan.message(home_count))
+                    finish(plan.message(home_count))
                 else:
-                    done(f"{type(plan).__name__}: {plan}")
+                    finish(f"{type(plan).__name__}: {plan}")
 
-            if not self._worker.submit(partial(unpack, content, kind, home_count), judged):
-                done("disk busy, send the file again")
+            if not self._worker.submit(partial(unpack, content, kind, home_count), receive_result):
+                finish("disk busy, send the file again")
 
-        return put_in_force
+        return apply_file
 
-    def _replace(self, plan: Plan, origin: Origin, done: Callable[[str], None]) -> None:
-        def stored(answer: Answer) -> None:
+    def _replace_plan(self, plan: Plan, origin: Origin, finish: Callable[[str], None]) -> None:
+        def receive_answer(answer: Answer) -> None:
             if answer.verdict is Verdict.ACCEPTED:
                 self._context.send_text_all(Severity.INFO, new_plan_text(plan, self._context.autopilot))
-            done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
+            finish("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
 
         request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)
-        self._context.request_handler.replace_plan(request, stored)
+        self._context.request_handler.replace_plan(request, receive_answer)

@@ -1,4 +1,4 @@
-"""The mission protocol for missions, fences and rally points: requests, downloads, progress and clearing."""
+"""Mission protocol server for missions, fences and rally points: requests, downloads, progress, clearing."""
 
 from __future__ import annotations
 
@@ -22,106 +22,107 @@ from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.plans.fence import Breach, breaches
 from firmware_py.plans.problem import PlanResult
 
-_ALL = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
-_CURRENT = 42
+_ALL_KINDS = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
+_CURRENT_ID = 42
 _REACHED = mavlink.MAVLink_mission_item_reached_message
 
-OfKind = Callable[[Peer, Message, PlanKind, float], None]
+KindHandler = Callable[[Peer, Message, PlanKind, float], None]
 
 _COUNT = mavlink.mavlink_map[44]
 _REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-_REMEMBERED = 16
-_PART = 16  # maximum number of items in a request for a part of the list
+_MAX_DOWNLOADS = 16
+_MAX_PART_ITEMS = 16  # in a reply to MISSION_REQUEST_PARTIAL_LIST
 
-CORNERS_PER_TICK = 500  # of the fence, in all checks: about half a millisecond
+CORNERS_PER_TICK = 500  # fence corners in all checks of a tick: about half a millisecond
 
 
 class MissionServer:
-    """Answers every message of the mission protocol, so that no ground station waits in vain."""
+    """Replies to every message of the mission protocol: without a reply, a ground station waits for its timeout."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to ask and to answer through."""
+        """Store the context, which sends messages and passes on requests."""
         self._context = context
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
         self._fence_warning = FenceWarning(context)
-        self._clearing: set[tuple[Station, int]] = set()  # stations and types that wait for the acknowledgement
-        self._cleared = DuplicateMessages()
+        self._pending_clears: set[tuple[Station, int]] = set()  # station and MAV_MISSION_TYPE, not yet acknowledged
+        self._clear_messages = DuplicateMessages()
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return the messages handled here."""
-        item, item_part = self._of_kind(self._downloads.send_item), self._of_kind(self._downloads.send_part)
+        """Return the message handlers by message id."""
+        send_item = self._with_kind(self._downloads.send_item)
         return {
-            37: item_part,
-            38: self._of_kind(self._uploads.begin_part),
-            39: self._item,
-            40: item,
+            37: self._with_kind(self._downloads.send_part),
+            38: self._with_kind(self._uploads.begin_part),
+            39: self._receive_item,
+            40: send_item,
             41: self._set_current,
-            43: self._of_kind(self._downloads.send_count),
-            44: self._of_kind(self._uploads.begin),
+            43: self._with_kind(self._downloads.send_count),
+            44: self._with_kind(self._uploads.begin),
             45: self._clear,
             47: self._end_transfer,
-            51: item,
-            73: self._item,
+            51: send_item,
+            73: self._receive_item,
         }
 
     def update(self, now_s: float) -> None:
-        """Update uploads and fence warnings; once a tick."""
+        """Update uploads and fence warnings, once a tick."""
         self._uploads.update(now_s)
         self._fence_warning.update()
 
-    def report_progress(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
-        """Report reached items, and make MISSION_CURRENT due after a change."""
+    def report_progress(self, previous: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
+        """Report reached items, and send MISSION_CURRENT after a change."""
         home_count = first_item_number(self._context.autopilot, PlanKind.MISSION)
         for index in snapshot.mission.reached:
             self._context.send_all(_REACHED(index + home_count))
-        if before is None or before.mission != snapshot.mission:
+        if previous is None or previous.mission != snapshot.mission:
             self._make_current_due(now_s)
 
     def _make_current_due(self, now_s: float) -> None:
         for peer in self._context.peers:
-            peer.streams.make_due(_CURRENT, now_s)
+            peer.streams.make_due(_CURRENT_ID, now_s)
 
-    # ------------------------------------------------------------------ messages
-
-    def _of_kind(self, act: OfKind) -> Handler:
-        """Return a handler that refuses unknown mission types."""
+    def _with_kind(self, kind_handler: KindHandler) -> Handler:
+        """Return a message handler that passes on the plan type, and refuses unknown types."""
 
         def handle(peer: Peer, message: Message, now_s: float) -> None:
             kind = KINDS.get(message.mission_type)
             if kind is None:
                 acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
                 return
-            act(peer, message, kind, now_s)
+            kind_handler(peer, message, kind, now_s)
 
         return handle
 
-    def _item(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _receive_item(self, peer: Peer, message: Message, now_s: float) -> None:
         if message.current == GUIDED:
             go_to_waypoint(self._context, peer, message, now_s)
         else:
-            self._of_kind(self._uploads.receive_item)(peer, message, now_s)
+            self._with_kind(self._uploads.receive_item)(peer, message, now_s)
 
     def _set_current(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Continue with another item; MISSION_CURRENT goes to all peers once stored, after a refusal to the asker."""
+        """Continue the mission with another item.
+
+        Once that is stored, MISSION_CURRENT is sent to all peers; after a refusal it is sent to the requester.
+        """
         index = max(0, message.seq - first_item_number(self._context.autopilot, PlanKind.MISSION))
         answer = self._context.request(message, SetMissionItem(index), now_s)
         if answer.verdict is Verdict.ACCEPTED:
-            self._context.request_handler.when_orders_stored(partial(self._current_set, peer, message.seq))
+            self._context.request_handler.when_orders_stored(partial(self._report_current, peer, message.seq))
             return
-        peer.streams.make_due(_CURRENT, now_s)
+        peer.streams.make_due(_CURRENT_ID, now_s)
         self._context.send_text_limited(
             peer, Severity.WARNING, answer.text or f"Mission item {message.seq} refused", now_s
         )
 
-    def _current_set(self, peer: Peer, sequence: int, kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
+    def _report_current(self, peer: Peer, sequence: int, is_stored: bool) -> None:  # noqa: FBT001 - the request handler's callback
         self._make_current_due(self._context.now_s)
-        if not kept:
-            text = f"Item {sequence} is under way, but this could not be stored; a restart may forget it"
+        if not is_stored:
+            text = f"Mission item {sequence} active but not stored"
             self._context.send_text_limited(peer, Severity.ERROR, text, self._context.now_s)
 
     def _end_transfer(self, peer: Peer, message: Message, _now_s: float) -> None:
-        """Take a MISSION_ACK: the end of a download, or, unless ACCEPTED, of an upload."""
+        """Process a MISSION_ACK: it ends a download and, if it is not ACCEPTED, an upload."""
         kind = KINDS.get(message.mission_type)
         if kind is None:
             return
@@ -131,131 +132,140 @@ class MissionServer:
             self._uploads.cancel(station, kind)
 
     def _clear(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Clear one plan or all; acknowledged once the empty plans are stored."""
+        """Clear one plan or all, and acknowledge once the empty plans are stored."""
         kind = KINDS.get(message.mission_type)
-        if kind is None and message.mission_type != _ALL:
+        if kind is None and message.mission_type != _ALL_KINDS:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
-        # No acknowledgement: during the next upload it would be taken for that one's.
-        if self._cleared.is_duplicate(station_of(peer, message), message, now_s):
+        # A duplicate gets no acknowledgement: the station would take it for the end of its next upload.
+        if self._clear_messages.is_duplicate(station_of(peer, message), message, now_s):
             return
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
         station = station_of(peer, message)
         request_key = (station, message.mission_type)
-        # A repeated request before the plans are stored: one acknowledgement is enough.
-        if request_key in self._clearing:
+        # A request that is repeated before the plans are stored gets one acknowledgement.
+        if request_key in self._pending_clears:
             return
         for each in kinds:
             self._uploads.cancel(station, each)
             self._downloads.end(station, each)
-        left = [each for each in kinds if self._context.request_handler.plans().of(each).items]
-        if not left:
+        non_empty = [each for each in kinds if self._context.request_handler.plans().of(each).items]
+        if not non_empty:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
-        self._clearing.add(request_key)
-        done = partial(self._clearing.discard, request_key)
-        clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(left), done)
-        for each in left:
+        self._pending_clears.add(request_key)
+        finish = partial(self._pending_clears.discard, request_key)
+        clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(non_empty), finish)
+        for each in non_empty:
             request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))
             self._context.request_handler.replace_plan(request, clearing.receive_answer)
 
 
 class _Clearing:
-    """Acknowledges once all plans are cleared."""
+    """Sends one acknowledgement when all plans of a request are cleared."""
 
     def __init__(
-        self, context: LinkContext, peer: Peer, to: Sender, mission_type: int, left: int, done: Callable[[], None]
+        self,
+        context: LinkContext,
+        peer: Peer,
+        recipient: Sender,
+        mission_type: int,
+        pending_count: int,
+        finish: Callable[[], None],
     ) -> None:
         self._context = context
         self._peer = peer
-        self._to = to
+        self._recipient = recipient
         self._mission_type = mission_type
-        self._left = left
-        self._done = done
+        self._pending_count = pending_count
+        self._finish = finish
         self._failure: Answer | None = None
 
     def receive_answer(self, answer: Answer) -> None:
-        """Take the result for one plan."""
-        self._left -= 1
+        """Store the result for one plan; acknowledge after the last one."""
+        self._pending_count -= 1
         if answer.verdict is not Verdict.ACCEPTED:
             self._failure = answer
-        if self._left:
+        if self._pending_count:
             return
-        self._done()
+        self._finish()
         result = PlanResult.ACCEPTED if self._failure is None else PlanResult.ERROR
-        acknowledge(self._context, self._peer, self._to, self._mission_type, result)
-        what = (
+        acknowledge(self._context, self._peer, self._recipient, self._mission_type, result)
+        plan_name = (
             NAMES[KINDS[self._mission_type]].capitalize()
             if self._mission_type in KINDS
             else "Mission, fence and rally points"
         )
         if self._failure is None:
-            self._context.send_text_all(Severity.INFO, f"{what} cleared")
+            self._context.send_text_all(Severity.INFO, f"{plan_name} cleared")
         else:
-            self._context.send_text_all(Severity.ERROR, f"{what} not cleared: {self._failure.text}")
+            self._context.send_text_all(Severity.ERROR, f"{plan_name} not cleared: {self._failure.text}")
         self._context.flush_all()
 
 
 @dataclass(slots=True)
 class PlanDownload:
-    """The plan that a station is reading, as it was at the request of the list, so that it gets one whole plan."""
+    """The plan that a station downloads, unchanged since its request of the list, and the time of the last request."""
 
     plan: Plan
     used_s: float
 
 
 class PlanDownloads:
-    """Sends lists and items to stations."""
+    """Sends plans to ground stations."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to answer through."""
+        """Store the context."""
         self._context = context
-        self._readings: OrderedDict[tuple[Station, PlanKind], PlanDownload] = OrderedDict()
+        self._active: OrderedDict[tuple[Station, PlanKind], PlanDownload] = OrderedDict()
 
     def send_count(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
-        reader = station_of(peer, message)
+        """Reply to MISSION_REQUEST_LIST with the number of items and the opaque id."""
+        station = station_of(peer, message)
         plan = self._context.request_handler.plans().of(kind)
-        keep_latest(self._readings, (reader, kind), PlanDownload(plan, now_s), _REMEMBERED)
+        keep_latest(self._active, (station, kind), PlanDownload(plan, now_s), _MAX_DOWNLOADS)
         count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
-        self._context.send(peer, _COUNT(*reader.sender, count, int(kind), plan.identity))
+        self._context.send(peer, _COUNT(*station.sender, count, int(kind), plan.identity))
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
-        plan = self._plan(station_of(peer, message), kind, now_s)
-        if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
+        """Reply to MISSION_REQUEST_INT with MISSION_ITEM_INT, and to MISSION_REQUEST with MISSION_ITEM."""
+        plan = self._plan_for(station_of(peer, message), kind, now_s)
+        if not self._send_plan_item(peer, message, kind, plan, message.seq, is_int=type(message).id == _REQUEST_INT):
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
 
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
-        plan = self._plan(station_of(peer, message), kind, now_s)
+        """Reply to MISSION_REQUEST_PARTIAL_LIST with the items; the end -1 is the last item."""
+        plan = self._plan_for(station_of(peer, message), kind, now_s)
         count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
-        elif last - first >= _PART:
+        elif last - first >= _MAX_PART_ITEMS:
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.NO_SPACE)
         else:
             for sequence in range(first, last + 1):
-                self._send(peer, message, kind, plan, sequence, whole=True)
+                self._send_plan_item(peer, message, kind, plan, sequence, is_int=True)
 
-    def end(self, reader: Station, kind: PlanKind) -> None:
+    def end(self, station: Station, kind: PlanKind) -> None:
         """End the download of a station."""
-        self._readings.pop((reader, kind), None)
+        self._active.pop((station, kind), None)
 
-    def _plan(self, reader: Station, kind: PlanKind, now_s: float) -> Plan:
-        """Return the plan that a station is reading, or the one in force."""
-        reading = self._readings.get((reader, kind))
-        if reading is None or now_s - reading.used_s >= timeouts_of(reader.peer.transport).give_up_s:
+    def _plan_for(self, station: Station, kind: PlanKind, now_s: float) -> Plan:
+        """Return the plan that a station downloads, or the present plan if it downloads none."""
+        download = self._active.get((station, kind))
+        if download is None or now_s - download.used_s >= timeouts_of(station.peer.transport).give_up_s:
             return self._context.request_handler.plans().of(kind)
-        reading.used_s = now_s
-        return reading.plan
+        download.used_s = now_s
+        return download.plan
 
-    def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
+    def _send_plan_item(
+        self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, is_int: bool
+    ) -> bool:
+        """Send the item with a number, or return False if it does not exist."""
         home_count = first_item_number(self._context.autopilot, kind)
-        # Home is sent without a mission, too: DroneKit requests it whatever the count is.
+        # Home is also sent without a mission: DroneKit requests it for any count.
         if not 0 <= sequence < max(_wire_count(plan, home_count), home_count):
             return False
         index = sequence - home_count
@@ -266,50 +276,50 @@ class PlanDownloads:
             kind,
             sequence,
             home_count=home_count,
-            current=kind is PlanKind.MISSION and index >= 0 and index == self._current(),
-            whole=whole,
+            is_current=kind is PlanKind.MISSION and index >= 0 and index == self._current_index(),
+            is_int=is_int,
         )
         self._context.send(peer, reply)
         return True
 
-    def _current(self) -> int | None:
+    def _current_index(self) -> int | None:
         return None if self._context.snapshot is None else self._context.snapshot.mission.index
 
 
 def _wire_count(plan: Plan, home_count: int) -> int:
-    """Return the number of items as stations count them: with home, unless the mission is empty."""
+    """Return the number of items in the mission protocol: including home, unless the mission is empty."""
     return len(plan.items) + home_count if plan.items else 0
 
 
 class FenceWarning:
-    """Warns of mission items that would breach the fence, once after each change; a few checks a tick."""
+    """Warns of mission items outside the fence, once after each change of a plan; each tick does some of the checks."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context."""
+        """Store the context."""
         self._context = context
         self._plans: Plans | None = None
-        self._looks: Iterator[Breach | None] = iter(())
-        self._found: list[Breach] = []
+        self._checks: Iterator[Breach | None] = iter(())
+        self._breaches: list[Breach] = []
 
     def update(self) -> None:
-        """Continue the checks of the plans in force, once a tick."""
+        """Continue the checks of the present plans, once a tick."""
         plans = self._context.request_handler.plans()
         if plans is not self._plans:
-            self._plans, self._looks, self._found = plans, breaches(plans), []
+            self._plans, self._checks, self._breaches = plans, breaches(plans), []
         for _ in range(1 + CORNERS_PER_TICK // (len(plans.fence.items) + 1)):
             try:
-                breach = next(self._looks)
+                breach = next(self._checks)
             except StopIteration:
                 self._warn()
                 return
             if breach is not None:
-                self._found.append(breach)
+                self._breaches.append(breach)
 
     def _warn(self) -> None:
-        if not self._found:
+        if not self._breaches:
             return
-        first, *others = self._found
-        self._found = []
+        first, *others = self._breaches
+        self._breaches = []
         text = first.message(first_item_number(self._context.autopilot, first.kind))
         more = f", and {len(others)} more" if others else ""
         self._context.send_text_all(Severity.WARNING, f"{text}{more}")

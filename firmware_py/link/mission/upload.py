@@ -1,6 +1,6 @@
-"""Upload of a plan from a ground station: requested item by item, validated, stored, and then put in force.
+"""Upload of a plan from a ground station: the items are requested one by one, validated and stored as the new plan.
 
-There is one upload of each kind at a time. Duplicate and unexpected items are ignored, missing ones are requested
+There is one upload of each kind at a time. Duplicate and unexpected items are ignored; missing ones are requested
 again. An upload that ends early leaves the old plan unchanged.
 """
 
@@ -31,16 +31,16 @@ from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
 from firmware_py.plans.problem import PlanProblem, PlanResult
 from firmware_py.plans.validation import item_problem, problem_of
 
-_REMEMBERED = 8
+_MAX_RESULTS = 8
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _HOME = PlanItem(0)  # placeholder for home
 _FIRST_WAYPOINT_SKIPPED = "First waypoint is taken as home and skipped"
-_ALTERNATE_REQUESTS = 2  # after so many unanswered requests the other kind (old or INT) is tried
+_REQUESTS_PER_FORMAT = 2  # without a reply, the other request (MISSION_REQUEST or its INT form) is tried
 
 
 @dataclass(slots=True)
 class PlanUpload:
-    """An upload of the items [first, end), as the station numbers them; `base` is the plan that they change."""
+    """An upload of the items [first, end), as the station numbers them; a partial upload changes the plan `base`."""
 
     kind: PlanKind
     owner: Station
@@ -52,12 +52,12 @@ class PlanUpload:
     retry: RetryTimer
     last_item_s: float
     items: list[PlanItem] = field(default_factory=list)
-    whole: bool = True  # requested by MISSION_REQUEST_INT
-    storing: bool = False
-    waypoint_for_home: bool = False  # the station does not know that item 0 is home
+    uses_int: bool = True  # items are requested by MISSION_REQUEST_INT
+    is_storing: bool = False
+    has_waypoint_for_home: bool = False  # the station does not use item 0 for home
 
     @property
-    def next(self) -> int:
+    def next_number(self) -> int:
         """The number of the next item."""
         return self.first + len(self.items)
 
@@ -65,12 +65,12 @@ class PlanUpload:
         """Return the uploaded plan."""
         if self.base is None:
             return Plan.of(self.kind, self.items[self.home_count :])
-        old = (*(_HOME,) * self.home_count, *self.base.items)
-        return Plan.of(self.kind, (*old[: self.first], *self.items, *old[self.end :])[self.home_count :])
+        base = (*(_HOME,) * self.home_count, *self.base.items)
+        return Plan.of(self.kind, (*base[: self.first], *self.items, *base[self.end :])[self.home_count :])
 
 
-class UploadEnd(msgspec.Struct, frozen=True):
-    """The result of an upload, sent again if its last item is repeated, or late any other."""
+class UploadResult(msgspec.Struct, frozen=True):
+    """The result of an upload, sent again if the station repeats its last item, or after a delay any other item."""
 
     sequence: int
     result: PlanResult
@@ -82,19 +82,19 @@ class PlanUploads:
     """The uploads of the three kinds of plan."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to ask and to answer through."""
+        """Store the context, which sends messages and passes on requests."""
         self._context = context
         self._active: dict[PlanKind, PlanUpload] = {}
-        self._ended: OrderedDict[tuple[Station, PlanKind], UploadEnd] = OrderedDict()
-        self._counts = DuplicateMessages()
+        self._results: OrderedDict[tuple[Station, PlanKind], UploadResult] = OrderedDict()
+        self._count_messages = DuplicateMessages()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Start or restart an upload (MISSION_COUNT)."""
         home_count = first_item_number(self._context.autopilot, kind)
         owner = station_of(peer, message)
-        if self._counts.is_duplicate(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
+        if self._count_messages.is_duplicate(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
             return
-        self._forget(owner, kind)
+        self._discard(owner, kind)
         if message.count > MAX_PLAN_ITEMS + home_count:
             text = f"{message.count} items; at most {MAX_PLAN_ITEMS} are supported"
             self._refuse(owner, PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
@@ -102,84 +102,84 @@ class PlanUploads:
         self._start(owner, kind, (0, message.count), None, now_s)
 
     def begin_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Start an upload of some items (MISSION_WRITE_PARTIAL_LIST); an end beyond the plan means its last item."""
+        """Start an upload of some items (MISSION_WRITE_PARTIAL_LIST); the end is limited to the last item."""
         if not self.may_change(peer, message, kind, now_s):
             return
         owner = station_of(peer, message)
-        self._forget(owner, kind)
+        self._discard(owner, kind)
         base = self._context.request_handler.plans().of(kind)
         last = len(base.items) + first_item_number(self._context.autopilot, kind) - 1
         first, end = message.start_index, min(message.end_index, last) + 1
         if not base.items or not 0 <= first < end:
-            fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "no such items to overwrite")
-            self._refuse(owner, fault, kind, now_s)
+            problem = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "no such items to overwrite")
+            self._refuse(owner, problem, kind, now_s)
             return
         self._start(owner, kind, (first, end), base, now_s)
 
     def receive_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Take an item."""
+        """Store an item if it is the next one, and request the following one."""
         owner = station_of(peer, message)
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner:
-            self._answer_stray_item(owner, message, kind, now_s)
+            self._reply_to_stray_item(owner, message, kind, now_s)
             return
-        upload.owner, upload.last_item_s = owner, now_s  # the next request goes to the peer of this item
-        if upload.storing or message.seq != upload.next:
-            if message.seq == upload.next - 1:
+        upload.owner, upload.last_item_s = owner, now_s  # the next request is sent to the link of this item
+        if upload.is_storing or message.seq != upload.next_number:
+            if message.seq == upload.next_number - 1:
                 upload.retry.learn_from_duplicate(now_s)
             return
         upload.retry.learn(now_s)
-        upload.whole = type(message).id == _ITEM_INT
-        item = self._checked_item(upload, message)
+        upload.uses_int = type(message).id == _ITEM_INT
+        item = self._check_item(upload, message)
         if isinstance(item, PlanProblem):
-            self._end(upload, message.seq, item, now_s)
+            self._end_upload(upload, message.seq, item, now_s)
             return
         upload.items.append(item)
         self._request_next(upload, now_s)
 
     def cancel(self, owner: Station, kind: PlanKind) -> bool:
-        """Cancel the upload of a station; False if there is none."""
+        """Cancel the upload of a station; return False if it has none."""
         upload = self._active.get(kind)
-        if upload is None or upload.owner != owner or upload.storing:
+        if upload is None or upload.owner != owner or upload.is_storing:
             return False
         del self._active[kind]
         return True
 
     def update(self, now_s: float) -> None:
-        """Repeat unanswered requests, and end silent uploads."""
+        """Repeat requests without a reply, and end uploads of silent stations."""
         for upload in tuple(self._active.values()):
-            if upload.storing:
+            if upload.is_storing:
                 continue
             if now_s - upload.last_item_s >= upload.retry.give_up_s:
-                text = f"station silent at item {upload.next}"
-                self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
+                text = f"station silent at item {upload.next_number}"
+                self._end_upload(
+                    upload, upload.next_number, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s
+                )
             elif upload.retry.due(now_s):
                 upload.retry.repeat(now_s)
-                if not upload.items and upload.retry.tries % _ALTERNATE_REQUESTS == 0:  # no reply yet
-                    upload.whole = not upload.whole
+                if not upload.items and upload.retry.tries % _REQUESTS_PER_FORMAT == 0:  # no reply yet
+                    upload.uses_int = not upload.uses_int
                 self._request(upload)
 
     def may_change(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
-        """Return whether a station may change a plan now; refuse it while another station uploads one."""
+        """Return whether a station may change a plan; refuse it during the upload of another station."""
         upload, owner = self._active.get(kind), station_of(peer, message)
         if upload is None or upload.owner == owner:
             return True
-        # A station that reconnects is another peer: it need not wait for its own former upload.
-        present = any(Station(other, upload.owner.sender) == upload.owner for other in self._context.all_peers())
-        if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
+        # A station that reconnects is another peer: its own former upload does not delay it.
+        is_present = any(Station(other, upload.owner.sender) == upload.owner for other in self._context.all_peers())
+        if is_present and now_s - upload.last_item_s < upload.timeouts.yield_s:
             text = f"system {upload.owner.sender[0]} is uploading"
             self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
             return False
         text = f"replaced by system {owner.sender[0]}"
-        self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
+        self._end_upload(upload, upload.next_number, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
         return True
 
-    # ------------------------------------------------------------------ steps
-
-    def _forget(self, owner: Station, kind: PlanKind) -> None:
-        """Drop the upload and its result when a station starts a new one, whether that is accepted or not."""
+    def _discard(self, owner: Station, kind: PlanKind) -> None:
+        """Discard the upload and the result of a station that requests a new upload, even if the request is refused."""
         self._active.pop(kind, None)
-        self._ended.pop((owner, kind), None)
+        self._results.pop((owner, kind), None)
 
     def _start(self, owner: Station, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float) -> None:
         timeouts = timeouts_of(owner.peer.transport)
@@ -189,29 +189,29 @@ class PlanUploads:
         self._request_next(upload, now_s)
 
     def _request_next(self, upload: PlanUpload, now_s: float) -> None:
-        if upload.next < upload.end:
+        if upload.next_number < upload.end:
             upload.retry.begin(now_s)
             self._request(upload)
             return
-        upload.storing = True
+        upload.is_storing = True
         plan = upload.plan()
-        fault = problem_of(plan)
+        problem = problem_of(plan)
         if upload.base is not None and self._context.request_handler.plans().of(upload.kind) != upload.base:
-            fault = PlanProblem(None, PlanResult.ERROR, "the plan has been changed meanwhile")
-        if fault is not None:
-            self._end(upload, upload.end - 1, fault, now_s)
+            problem = PlanProblem(None, PlanResult.ERROR, "the plan has changed during the upload")
+        if problem is not None:
+            self._end_upload(upload, upload.end - 1, problem, now_s)
             return
         if not plan.items and not self._context.request_handler.plans().of(upload.kind).items:
-            self._end(upload, upload.end - 1, None, now_s)
+            self._end_upload(upload, upload.end - 1, None, now_s)
             return
         request = Request(now_s, ReplacePlan(plan), *upload.owner.sender)
-        self._context.request_handler.replace_plan(request, lambda answer: self._stored(upload, plan, answer))
+        self._context.request_handler.replace_plan(request, lambda answer: self._finish_storing(upload, plan, answer))
 
-    def _checked_item(self, upload: PlanUpload, message: Message) -> PlanItem | PlanProblem:
+    def _check_item(self, upload: PlanUpload, message: Message) -> PlanItem | PlanProblem:
         index = message.seq - upload.home_count
         if index < 0:
-            # Item 0 for an ArduPilot is the station's home: it is not part of the plan, and not validated.
-            upload.waypoint_for_home = is_waypoint_for_home(message, self._context.home)
+            # Item 0 is the home of the station, as in ArduPilot: it is not part of the plan and not validated.
+            upload.has_waypoint_for_home = is_waypoint_for_home(message, self._context.home)
             return _HOME
         item = item_of(message, upload.home_count)
         if isinstance(item, PlanProblem):
@@ -219,54 +219,58 @@ class PlanUploads:
         return item_problem(upload.kind, index, item) or item
 
     def _request(self, upload: PlanUpload) -> None:
-        make = mavlink.MAVLink_mission_request_int_message if upload.whole else mavlink.MAVLink_mission_request_message
-        self._context.send(upload.owner.peer, make(*upload.owner.sender, upload.next, int(upload.kind)))
+        make_message = (
+            mavlink.MAVLink_mission_request_int_message if upload.uses_int else mavlink.MAVLink_mission_request_message
+        )
+        self._context.send(upload.owner.peer, make_message(*upload.owner.sender, upload.next_number, int(upload.kind)))
 
-    def _stored(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
+    def _finish_storing(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
         if answer.verdict is Verdict.ACCEPTED:
             self._context.send_text_all(Severity.INFO, new_plan_text(plan, self._context.autopilot))
-        # After a newer upload of the same kind, its station waits for the end of that one.
+        # If a newer upload of the same kind has begun, its station waits for the result of that one.
         if self._active.get(upload.kind) is upload:
-            fault = None
+            problem = None
             if answer.verdict is not Verdict.ACCEPTED:
-                fault = PlanProblem(None, PlanResult.ERROR, answer.text or "it was refused")
-            self._end(upload, upload.end - 1, fault, self._context.now_s, plan.identity)
+                problem = PlanProblem(None, PlanResult.ERROR, answer.text or "it was refused")
+            self._end_upload(upload, upload.end - 1, problem, self._context.now_s, plan.identity)
         self._context.flush_all()
 
-    def _end(
-        self, upload: PlanUpload, sequence: int, fault: PlanProblem | None, now_s: float, identity: int = 0
+    def _end_upload(
+        self, upload: PlanUpload, sequence: int, problem: PlanProblem | None, now_s: float, identity: int = 0
     ) -> None:
-        """End an upload; it is accepted without a fault."""
+        """End an upload and send its result: accepted if there is no problem."""
         del self._active[upload.kind]
-        result = PlanResult.ACCEPTED if fault is None else fault.result
-        ended = UploadEnd(sequence, result, 0 if fault else identity, now_s)
-        keep_latest(self._ended, (upload.owner, upload.kind), ended, _REMEMBERED)
-        if fault is None:
-            acknowledge(
-                self._context, upload.owner.peer, upload.owner.sender, int(upload.kind), ended.result, ended.identity
-            )
-            if upload.waypoint_for_home:
+        result = PlanResult.ACCEPTED if problem is None else problem.result
+        upload_result = UploadResult(sequence, result, 0 if problem else identity, now_s)
+        keep_latest(self._results, (upload.owner, upload.kind), upload_result, _MAX_RESULTS)
+        if problem is None:
+            acknowledge(self._context, upload.owner.peer, upload.owner.sender, int(upload.kind), result, identity)
+            if upload.has_waypoint_for_home:
                 self._context.send_text(upload.owner.peer, Severity.WARNING, _FIRST_WAYPOINT_SKIPPED)
             return
-        self._refuse(upload.owner, fault, upload.kind, now_s)
+        self._refuse(upload.owner, problem, upload.kind, now_s)
 
     def _refuse(
-        self, to: Station, fault: PlanProblem, kind: PlanKind, now_s: float, mission_type: int | None = None
+        self, station: Station, problem: PlanProblem, kind: PlanKind, now_s: float, mission_type: int | None = None
     ) -> None:
         acknowledged_type = int(kind) if mission_type is None else mission_type
-        acknowledge(self._context, to.peer, to.sender, acknowledged_type, fault.result)
-        why = fault.message(first_item_number(self._context.autopilot, kind))
-        self._context.send_text_limited(to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} rejected: {why}", now_s)
+        acknowledge(self._context, station.peer, station.sender, acknowledged_type, problem.result)
+        reason = problem.message(first_item_number(self._context.autopilot, kind))
+        text = f"{NAMES[kind].capitalize()} rejected: {reason}"
+        self._context.send_text_limited(station.peer, Severity.WARNING, text, now_s)
 
-    def _answer_stray_item(self, owner: Station, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Answer an unexpected item: with the result that its sender may have missed, otherwise with a refusal.
+    def _reply_to_stray_item(self, owner: Station, message: Message, kind: PlanKind, now_s: float) -> None:
+        """Reply to an unexpected item with the result, which its sender may have missed, or with a refusal.
 
-        An item before the last is ignored as a duplicate at first; later the result is repeated for it.
+        For some time after the end, only the last item gets a reply: the others are late duplicates.
         """
-        ended = self._ended.get((owner, kind))
-        if ended is None:
-            busy = kind in self._active
-            result = PlanResult.DENIED if busy else PlanResult.ERROR
+        upload_result = self._results.get((owner, kind))
+        if upload_result is None:
+            result = PlanResult.DENIED if kind in self._active else PlanResult.ERROR
             acknowledge(self._context, owner.peer, owner.sender, int(kind), result)
-        elif message.seq == ended.sequence or now_s - ended.ended_s > timeouts_of(owner.peer.transport).longest_s:
-            acknowledge(self._context, owner.peer, owner.sender, int(kind), ended.result, ended.identity)
+        elif (
+            message.seq == upload_result.sequence
+            or now_s - upload_result.ended_s > timeouts_of(owner.peer.transport).longest_s
+        ):
+            result, identity = upload_result.result, upload_result.identity
+            acknowledge(self._context, owner.peer, owner.sender, int(kind), result, identity)

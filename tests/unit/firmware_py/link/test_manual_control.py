@@ -60,14 +60,14 @@ def test_an_override_for_another_boat_is_left_alone(rig):
 def test_an_override_that_does_nothing_says_so_once(rig, texts):
     rig.tick(mode=Mode.GUIDED, armed=True)
     replies = [text for _ in range(5) for text in texts(rig.tell(override(1600)))]
-    assert replies == ["RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]
+    assert replies == ["RC override ignored in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]
     rig.tick(mode=Mode.MANUAL, armed=False)
-    assert texts(rig.tell(override(1600), override(1600))) == ["RC override does nothing: disarmed"]
+    assert texts(rig.tell(override(1600), override(1600))) == ["RC override ignored: disarmed"]
     rig.tick(mode=Mode.MANUAL, armed=True)
     assert texts(rig.tell(override(1600), override(0))) == []
     other = mavlink.MAVLink_rc_channels_override_message(1, 1, 65535, 0, 1700, 0, 0, 0, 0, 0)
     assert texts(rig.tell(other, other)) == [
-        "RC override does nothing: channel 1 is the rudder in MANUAL, the heading in STEERING"
+        "RC override ignored: channel 1 is the rudder in MANUAL, the heading in STEERING"
     ]
 
 

@@ -122,7 +122,7 @@ def test_local_positions_count_from_home_or_from_it(rig, frame, x, y, north_m, e
 
 @pytest.mark.parametrize("frame", [1, 7, 9])
 def test_local_positions_need_a_position(rig, texts, frame):
-    assert "to count from" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
+    assert "for a relative goal" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
     assert rig.request_handler.intents == []
 
 

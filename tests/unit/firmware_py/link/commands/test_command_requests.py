@@ -1,4 +1,4 @@
-"""Messages on request and at an interval."""
+"""Requests of messages, once and at an interval."""
 
 import math
 from types import SimpleNamespace
@@ -28,29 +28,29 @@ def test_every_message_can_be_requested(rig, number):
     swing = SwingReport(CalibrationState.DONE if number == MAG_CAL_REPORT else CalibrationState.RUNNING)
     rig.request_handler.compass_swing = SimpleNamespace(report=swing)
     rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
-    place = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
-    rig.tick(**FIX, **SERVO, **place, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
+    changes = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
+    rig.tick(**FIX, **SERVO, **changes, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
     replies = rig.command(512, number)
     assert replies[0].result == 0
     assert {message.get_msgId() for message in replies[1:]} == {number}
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -1, 0.5, 1e30, 16_777_216, 25])
-def test_a_message_that_is_not_ours_is_unsupported(rig, number):
+def test_request_of_an_unknown_message_is_refused(rig, number):
     assert [message.result for message in rig.command(512, number)] == [UNSUPPORTED]
 
 
 @pytest.mark.parametrize("command", [(410,), (512, 242), (512, 33), (512, AIS_VESSEL)])
-def test_what_has_nothing_to_say_is_rejected_for_now(rig, command):
+def test_message_without_content_is_temporarily_rejected(rig, command):
     assert result(rig.command(*command)) == NOT_NOW
 
 
-def test_home_is_reported_at_once_when_it_changes_and_whenever_it_is_asked_for(rig, of):
+def test_home_is_reported_after_a_change_and_on_request(rig, of):
     home = {"home": Home(0.7, -0.2, 1.0)}
-    (reports,) = of(rig.tick(**home), "HOME_POSITION")
+    (report,) = of(rig.tick(**home), "HOME_POSITION")
     assert of(rig.tick(**home), "HOME_POSITION") == []
-    (query,) = of(rig.command(410), "HOME_POSITION")
-    assert reports.latitude == query.latitude == round(math.degrees(0.7) * 1e7)
+    (requested,) = of(rig.command(410), "HOME_POSITION")
+    assert report.latitude == requested.latitude == round(math.degrees(0.7) * 1e7)
     (moved,) = of(rig.tick(home=Home(0.8, -0.2, 1.0)), "HOME_POSITION")
     assert moved.latitude == round(math.degrees(0.8) * 1e7)
 
@@ -61,43 +61,32 @@ def test_version_and_capabilities(rig, of):
     assert version.flight_sw_version & 0xFF == mavlink.FIRMWARE_VERSION_TYPE_DEV
     assert bytes(version.flight_custom_version) == b"0123abcd"
     assert version.uid == 77
-    claimed = version.capabilities
-    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
-    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
-    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    for name in ("PARAM_ENCODE_C_CAST", "MISSION_INT", "FTP"):
+        assert version.capabilities & getattr(mavlink, f"MAV_PROTOCOL_CAPABILITY_{name}")
     assert len(of(rig.command(519, 1), "PROTOCOL_VERSION")) == 1
 
 
-ALL = list(range(1, len(Mode) + 2))  # the one before the first tick, too
+ALL = list(range(1, len(Mode) + 2))  # including the mode before the first tick
 
 
 @pytest.mark.parametrize(("index", "numbers"), [(0, ALL), (math.nan, ALL), (3, [3]), (len(ALL) + 1, []), (-1, [])])
-def test_available_modes_all_or_one(rig, of, index, numbers):
+def test_available_modes_are_sent_by_index(rig, of, index, numbers):
     assert [mode.mode_index for mode in of(rig.command(512, 435, index), "AVAILABLE_MODES")] == numbers
 
 
-def test_an_interval_is_set_kept_and_reported(rig, of):
+def test_interval_is_set_and_reported(rig, of):
     assert result(rig.command(511, 30, 500_000)) == 0
-    replies = rig.ticks(40)
-    assert len(of(replies, "ATTITUDE")) == pytest.approx(8, abs=1)
-    (reports,) = of(rig.command(510, 30), "MESSAGE_INTERVAL")
-    assert (reports.message_id, reports.interval_us) == (30, 500_000)
-
-
-def test_an_interval_is_reported_by_the_newer_command_as_well(rig, of):
-    rig.command(511, 30, 500_000)
-    replies = rig.command(512, 244, 30)
-    (reports,) = of(replies, "MESSAGE_INTERVAL")
-    assert (result(replies), reports.message_id, reports.interval_us) == (0, 30, 500_000)
+    assert len(of(rig.ticks(40), "ATTITUDE")) == pytest.approx(8, abs=1)
+    for replies in (rig.command(510, 30), rig.command(512, 244, 30)):
+        (report,) = of(replies, "MESSAGE_INTERVAL")
+        assert (result(replies), report.message_id, report.interval_us) == (0, 30, 500_000)
     for unknown in (25, math.nan, -1):
         replies = rig.command(512, 244, unknown)
-        assert (result(replies), [reports.interval_us for reports in of(replies, "MESSAGE_INTERVAL")]) == (
-            UNSUPPORTED,
-            [0],
-        )
+        (report,) = of(replies, "MESSAGE_INTERVAL")
+        assert (result(replies), report.interval_us) == (UNSUPPORTED, 0)
 
 
-def test_intervals_are_each_peers_own(make_rig, of):
+def test_each_peer_has_separate_intervals(make_rig, of):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address="one")
@@ -107,22 +96,22 @@ def test_intervals_are_each_peers_own(make_rig, of):
 
 
 @pytest.mark.parametrize("interval_us", [math.nan, math.inf, -2, 1, 1e30])
-def test_a_bad_interval_is_denied(rig, interval_us):
+def test_invalid_interval_is_refused(rig, interval_us):
     assert result(rig.command(511, 30, interval_us)) == DENIED
 
 
-def test_the_heartbeat_cannot_be_turned_off(rig, of):
+def test_heartbeat_cannot_be_switched_off(rig, of):
     assert result(rig.command(511, 0, -1)) == DENIED
     assert len(of(rig.tick(seconds=1.0), "HEARTBEAT")) == 1
 
 
 @pytest.mark.parametrize("number", [math.nan, 25, 65535, 65536, -1])
-def test_the_interval_of_a_stranger_is_unsupported(rig, number):
+def test_interval_of_an_unknown_message_is_refused(rig, number):
     assert result(rig.command(510, number)) == UNSUPPORTED
     assert result(rig.command(511, number, 1e6)) == UNSUPPORTED
 
 
-def test_the_old_request_of_a_data_stream(rig, of):
+def test_request_data_stream_sets_and_stops_a_rate(rig, of):
     rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 1))
     assert len(of(rig.ticks(50), "ATTITUDE")) == pytest.approx(10, abs=1)
     rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 0))

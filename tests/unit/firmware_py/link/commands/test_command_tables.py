@@ -1,4 +1,4 @@
-"""Commands that need no state: accepted ones with their intent, and refused ones, which change nothing."""
+"""Commands that do not depend on the state: accepted ones with their intent, and refused ones."""
 
 import math
 
@@ -42,7 +42,10 @@ def degrees(angle_deg):
         (YAW, (-20, 0, 0, 1), SteerHeading(degrees(-20), relative=True)),
         *((MODE, (1, mode), SetMode(mode)) for mode in (0, 4, 15, 0x7FFF0000, 4294967040)),
         (HOME, (1,), SetHome()),
-        *((SERVO, (1, 1500 + 500 * part), BenchRudder(part, 10.0)) for part in (0.0, 1.0, -1.0, 0.25)),
+        *(
+            (SERVO, (1, 1500 + 500 * deflection), BenchRudder(deflection, 10.0))
+            for deflection in (0.0, 1.0, -1.0, 0.25)
+        ),
         (REPOSITION, (-1, 0, 0, NAN, 40.0, -11.5, NAN), SteerPosition(degrees(40), degrees(-11.5))),
         (PAUSE, (0,), PauseMission(paused=True)),
         (PAUSE, (1,), PauseMission(paused=False)),
@@ -67,7 +70,7 @@ def degrees(angle_deg):
         (CHANGE_HEADING, (1, 359.5, 3), SteerHeading(degrees(359.5))),
     ],
 )
-def test_accepted_commands(rig, command, values, intent):
+def test_valid_command_is_accepted(rig, command, values, intent):
     assert results(rig.command(command, *values)) == [0]
     assert rig.request_handler.intents == [intent]
 
@@ -105,7 +108,7 @@ REFUSED = {
     ("command", "values", "result"),
     [(command, values, result) for (command, result), rows in REFUSED.items() for values in rows],
 )
-def test_commands_without_effect(rig, command, values, result):
+def test_invalid_command_is_refused(rig, command, values, result):
     assert results(rig.command(command, *values)) == [result]
     assert rig.request_handler.intents == []
 
@@ -118,7 +121,7 @@ def home(*, frame=0, x=450_000_000, y=-1_200_000_000, z=2.0):
     return mavlink.MAVLink_command_int_message(1, 1, frame, HOME, 0, 0, 0, 0, 0, NAN, x, y, z)
 
 
-def test_positions_by_command_int(rig):
+def test_command_int_has_positions_as_integers(rig):
     assert results(rig.tell(reposition(401_000_000, -115_000_000))) == [0]
     assert results(rig.tell(home())) == [0]
     assert results(rig.command(HOME, 0, 0, 0, NAN, 45.0, -120.0, 2.0)) == [0]
@@ -138,6 +141,6 @@ def test_positions_by_command_int(rig):
         home(x=2**31 - 1, y=2**31 - 1),
     ],
 )
-def test_bad_positions_by_command_int_are_denied(rig, message):
+def test_invalid_position_in_command_int_is_refused(rig, message):
     assert results(rig.tell(message)) == [DENIED]
     assert rig.request_handler.intents == []

@@ -1,4 +1,4 @@
-"""Every command is acknowledged; retries are not repeated; others' commands are left alone."""
+"""Acknowledgement of commands, and detection of retries and duplicates."""
 
 import math
 
@@ -13,12 +13,16 @@ ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)
 
 
 def only_ack(messages):
-    acks = [message for message in messages if message.get_type() == "COMMAND_ACK"]
-    assert len(acks) == 1
-    return acks[0]
+    (ack,) = [message for message in messages if message.get_type() == "COMMAND_ACK"]
+    return ack
 
 
-def test_an_acknowledgement_names_the_command_and_its_sender(rig):
+def command_long(number, *values, confirmation=0):
+    values = (*values, *(0.0,) * (7 - len(values)))
+    return mavlink.MAVLink_command_long_message(1, 1, number, confirmation, *values)
+
+
+def test_acknowledgement_has_the_command_and_its_sender(rig):
     ack = only_ack(rig.command(ARM, 1.0))
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (ARM, ACCEPTED, 255, 190)
     (request,) = rig.request_handler.requests
@@ -26,32 +30,32 @@ def test_an_acknowledgement_names_the_command_and_its_sender(rig):
 
 
 @pytest.mark.parametrize("number", [0, 1, 16, 21, 65534, 65535])
-def test_an_unknown_command_is_unsupported(rig, number):
+def test_unknown_command_is_unsupported(rig, number):
     assert only_ack(rig.command(number)).result == UNSUPPORTED
     message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     assert only_ack(rig.tell(message)).result == UNSUPPORTED
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 2), (2, 0), (0, 154)])
-def test_a_command_for_someone_else_is_left_alone(rig, target):
+def test_command_to_another_component_is_ignored(rig, target):
     assert rig.command(ARM, 1.0, target=target) == []
     assert rig.request_handler.requests == []
 
 
 @pytest.mark.parametrize("target", [(0, 0), (1, 0), (0, 1)])
-def test_a_broadcast_is_accepted(rig, target):
+def test_broadcast_command_is_accepted(rig, target):
     assert only_ack(rig.command(ARM, 1.0, target=target)).result == ACCEPTED
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
-def test_the_loops_verdict_and_reason_are_passed_on(rig, texts, verdict):
+def test_verdict_and_reason_of_the_loop_are_sent(rig, texts, verdict):
     rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "because")
     replies = rig.command(ARM, 1.0)
     assert only_ack(replies).result == verdict
     assert texts(replies) == ([] if verdict is Verdict.ACCEPTED else ["because"])
 
 
-def test_a_retry_is_acknowledged_with_the_earlier_result_and_not_repeated(rig):
+def test_retry_gets_the_first_result_and_is_not_executed(rig):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
     rig.command(ARM, 1.0, 0.0, math.nan)
     rig.request_handler.answer = Answer(Verdict.ACCEPTED)
@@ -60,26 +64,25 @@ def test_a_retry_is_acknowledged_with_the_earlier_result_and_not_repeated(rig):
     assert len(rig.request_handler.requests) == 1
 
 
-def test_a_retry_whose_first_was_lost_is_carried_out(rig):
+def test_retry_of_a_lost_command_is_executed(rig):
     assert only_ack(rig.command(ARM, 1.0, confirmation=1)).result == ACCEPTED
     assert len(rig.request_handler.requests) == 1
 
 
-def test_two_stations_with_one_number_get_each_their_own_answer(make_rig):
+def test_two_stations_with_one_system_id_get_separate_results(make_rig):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
-    command = mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1.0, 0, 0, 0, 0, 0, 0)
-    retry = mavlink.MAVLink_command_long_message(1, 1, ARM, 1, 1.0, 0, 0, 0, 0, 0, 0)
+    command, retry = command_long(ARM, 1.0), command_long(ARM, 1.0, confirmation=1)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
     assert only_ack(rig.tell(command, address="one")).result == REJECTED
     rig.request_handler.answer = Answer(Verdict.ACCEPTED)
-    # The first try of the second one was lost on its way.
+    # The first command of the second station is lost.
     assert only_ack(rig.tell(retry, address="two")).result == ACCEPTED
     assert only_ack(rig.tell(retry, address="one")).result == REJECTED
     assert rig.request_handler.intents == [Arm(True), Arm(True)]
 
 
-def test_what_only_looks_like_a_retry_is_carried_out(rig):
+def test_command_that_is_no_retry_is_executed(rig):
     rig.command(ARM, 1.0)
     rig.command(ARM, 0.0, confirmation=1)  # other parameters
     rig.command(ARM, 0.0)  # no confirmation
@@ -96,44 +99,43 @@ def int_frame(rig, number, *values, x=0, y=0):
     return rig.frame(mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *values, x, y, 0))
 
 
-def test_a_frame_that_comes_twice_is_done_once_and_acknowledged_twice(rig):
-    frame = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
+def test_duplicate_frame_is_executed_once_and_acknowledged_twice(rig):
+    frame = rig.frame(command_long(115, 10, 0, 1, 1))
     assert [ack.result for ack in rig.give(frame + frame)] == [ACCEPTED, ACCEPTED]
     assert len(rig.request_handler.requests) == 1
     frame = int_frame(rig, 300)
     assert [only_ack(rig.give(frame)).result for _ in range(2)] == [DENIED, DENIED]
 
 
-def test_a_double_that_comes_behind_the_contrary_is_not_done_again(rig):
-    arm = rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0))
-    disarm = rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 0, 0, 0, 0, 0, 0, 0))
+def test_delayed_duplicate_after_the_opposite_command_is_not_executed(rig):
+    arm, disarm = rig.frame(command_long(ARM, 1)), rig.frame(command_long(ARM, 0))
     rig.give(arm)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
     rig.give(disarm)
     rig.now_s += 1.0
-    assert only_ack(rig.give(arm)).result == ACCEPTED  # its own result, not that of what came between
+    assert only_ack(rig.give(arm)).result == ACCEPTED  # its result, not that of the command in between
     assert only_ack(rig.give(disarm)).result == REJECTED
     assert rig.request_handler.intents == [Arm(True), Arm(False)]
     rig.now_s += 2.0
-    rig.give(arm)  # long after it is a command of its own
+    rig.give(arm)  # after this time it is a new command
     assert len(rig.request_handler.requests) == 3
 
 
-def test_a_doubled_set_mode_does_not_undo_the_next_one(rig):
+def test_duplicate_set_mode_does_not_undo_the_next_one(rig):
     guided, hold = (rig.frame(mavlink.MAVLink_set_mode_message(1, 1, mode)) for mode in (15, 4))
     for frame in (guided, hold, guided):
         assert only_ack(rig.give(frame)).result == ACCEPTED
     assert rig.request_handler.intents == [SetMode(15), SetMode(4)]
 
 
-def test_the_orders_of_a_sender_that_does_not_count_are_all_carried_out(rig):
-    for wanted in (1, 0, 1):
+def test_commands_with_constant_sequence_number_are_all_executed(rig):
+    for state in (1, 0, 1):
         rig.station.seq = 7
-        rig.give(rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, wanted, 0, 0, 0, 0, 0, 0)))
+        rig.tell(command_long(ARM, state))
     assert rig.request_handler.intents == [Arm(True), Arm(False), Arm(True)]
 
 
-def test_a_command_that_ends_late_gives_its_result_to_no_other_one(rig):
+def test_late_end_of_a_command_does_not_change_the_result_of_the_next(rig):
     rig.request_handler.orders_at_once = False
     rig.command(ARM, 1.0)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
@@ -143,44 +145,39 @@ def test_a_command_that_ends_late_gives_its_result_to_no_other_one(rig):
     assert only_ack(rig.command(ARM, 0.0, confirmation=1)).result == REJECTED
 
 
-def test_a_first_try_that_its_retry_overtook_is_not_done_again(rig):
-    first = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
-    retry = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 1, 10, 0, 1, 1, 0, 0, 0))
+def test_command_overtaken_by_its_retry_is_not_executed_again(rig):
+    first, retry = (rig.frame(command_long(115, 10, 0, 1, 1, confirmation=number)) for number in (0, 1))
     rig.give(retry)
     rig.now_s += 0.5
     assert only_ack(rig.give(first)).result == ACCEPTED
     assert len(rig.request_handler.requests) == 1
     rig.now_s += 10.0
-    rig.give(first)  # long after it is a command of its own
+    rig.give(first)  # after this time it is a new command
     assert len(rig.request_handler.requests) == 2
 
 
-def test_a_relative_command_int_that_comes_again_at_once_is_a_retry(rig):
+def test_relative_command_int_repeated_at_once_is_a_retry(rig):
     for wait_s, expected in ((0.0, 1), (0.5, 1), (1.2, 2)):
         rig.now_s += wait_s
         assert only_ack(rig.give(int_frame(rig, 115, 10, 0, 1, 1))).result == ACCEPTED
         assert len(rig.request_handler.requests) == expected
     rig.give(int_frame(rig, 192, x=10))
-    rig.give(int_frame(rig, 192, x=10))  # the same place twice is the same place
+    rig.give(int_frame(rig, 192, x=10))  # not relative: executed again
     assert len(rig.request_handler.requests) == 4
 
 
 RELATIVE = {115: (10, 0, 1, 1), 213: (10, 0, 1)}
 
 
-def turn(number, confirmation=0, **changes):
-    values = (*RELATIVE[number], 0.0, 0.0, 0.0, 0.0)[:7]
-    message = mavlink.MAVLink_command_long_message(1, 1, number, confirmation, *values)
-    for name, value in changes.items():
-        setattr(message, name, value)
-    return message
+def turn(number, confirmation=0, angle_deg=10):
+    return command_long(number, angle_deg, *RELATIVE[number][1:], confirmation=confirmation)
 
 
 @pytest.mark.parametrize("by_int", [False, True])
 @pytest.mark.parametrize("delay_s", [0.0, 1.5, 9.0])
 @pytest.mark.parametrize("number", RELATIVE)
-def test_a_relative_turn_that_a_second_link_repeats_turns_once(make_rig, number, delay_s, by_int):
-    """Also before enough frames were alike for the two ways to be one station's."""
+def test_relative_turn_on_two_links_is_executed_once(make_rig, number, delay_s, by_int):
+    """The two paths are not yet known as those of one station."""
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     frame = int_frame(rig, number, *RELATIVE[number]) if by_int else rig.frame(turn(number))
@@ -193,8 +190,8 @@ def test_a_relative_turn_that_a_second_link_repeats_turns_once(make_rig, number,
 @pytest.mark.parametrize("address", ["one", "two"])
 @pytest.mark.parametrize("number", RELATIVE)
 @pytest.mark.parametrize("verdict", [Verdict.ACCEPTED, Verdict.TEMPORARILY_REJECTED])
-def test_a_relative_turn_whose_acknowledgement_was_lost_is_acknowledged_again(make_rig, number, address, verdict):
-    """QGroundControl asks again after 3, 6 and 9 s."""
+def test_retry_of_a_relative_turn_is_acknowledged_again(make_rig, number, address, verdict):
+    """QGroundControl repeats the command after 3, 6 and 9 s."""
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     rig.request_handler.answer = Answer(verdict)
@@ -204,21 +201,21 @@ def test_a_relative_turn_whose_acknowledgement_was_lost_is_acknowledged_again(ma
         rig.now_s += 3.0
         assert only_ack(rig.tell(turn(number, confirmation), address=address)).result == verdict
     assert len(rig.request_handler.requests) == 1
-    rig.tell(turn(number, 4, param1=20.0), address=address)  # another turn
+    rig.tell(turn(number, 4, angle_deg=20.0), address=address)  # another turn
     rig.now_s += 30.0
-    rig.tell(turn(number, 1), address=address)  # a retry of one that was lost
+    rig.tell(turn(number, 1), address=address)  # a retry of a lost command
     assert len(rig.request_handler.requests) == 3
 
 
-def test_the_retry_of_a_turn_behind_the_next_one_is_not_done_again(rig):
+def test_retry_of_a_turn_after_the_next_turn_is_not_executed(rig):
     for confirmation, angle_deg in ((0, 10.0), (0, 20.0), (1, 10.0), (1, 20.0)):
-        rig.tell(turn(115, confirmation, param1=angle_deg))
+        rig.tell(turn(115, confirmation, angle_deg=angle_deg))
         rig.now_s += 1.0
     assert len(rig.request_handler.requests) == 2
 
 
-def test_a_script_that_is_started_again_turns_again(make_rig):
-    """It counts its frames from 0 again, and comes by another port."""
+def test_turn_of_a_restarted_script_is_executed(make_rig):
+    """The script repeats its sequence numbers on another port."""
     rig = make_rig(addresses=())
     for number in range(3):
         rig.station.seq = 0
@@ -228,7 +225,7 @@ def test_a_script_that_is_started_again_turns_again(make_rig):
     assert len(rig.request_handler.requests) == 3
 
 
-def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
+def test_retry_by_satellite_is_detected_minutes_later(make_rig):
     rig = make_rig(options=LinkOptions(link_class=LinkClass.SATELLITE))
     rig.tick()
     rig.command(115, 10, 0, 1, 1)
@@ -237,19 +234,19 @@ def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
     assert len(rig.request_handler.requests) == 1
 
 
-def test_a_repeated_request_for_a_message_brings_it_again(rig, of):
+def test_retry_of_a_message_request_sends_the_message_again(rig, of):
     rig.command(512, 148)
     assert len(of(rig.command(512, 148, confirmation=1), "AUTOPILOT_VERSION")) == 1
 
 
-def test_what_is_remembered_of_commands_is_bounded(rig):
+def test_number_of_stored_commands_is_limited(rig):
     for number in range(1000):
         rig.command(30_000 + number)
     handler = rig.endpoint._handlers[76].__self__
     assert len(handler._memory) <= 32
 
 
-def test_the_old_set_mode_message_works_and_is_acknowledged(rig):
+def test_set_mode_message_is_executed_and_acknowledged(rig):
     ack = only_ack(rig.tell(mavlink.MAVLink_set_mode_message(1, 1, 15)))
     assert (ack.command, ack.result) == (11, ACCEPTED)
     assert rig.request_handler.intents == [SetMode(15)]

@@ -1,4 +1,4 @@
-"""The packed parameter list, read by MAVProxy's own decoder, and uploads as MAVProxy writes them."""
+"""The packed parameter list: read by the decoder of MAVProxy, and uploaded in the format of MAVProxy."""
 
 import struct
 
@@ -13,19 +13,19 @@ param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
 CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)
 
 
-def decoded(content):
+def decode(content):
     return {name.decode(): (value, kind) for name, value, kind in param_ftp.ftp_param_decode(content).params}
 
 
 @pytest.mark.parametrize("query", [{}, {"withdefaults": "1"}])
-def test_mavproxy_reads_all_of_it(query):
-    found = decoded(pack(CHANGED, query, 3))
-    assert list(found) == [row.name for row in TABLE]
-    assert [value for value, _ in found.values()] == list(CHANGED.values())
-    assert [kind for _, kind in found.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
+def test_mavproxy_decodes_all_parameters(query):
+    parameters = decode(pack(CHANGED, query, 3))
+    assert list(parameters) == [row.name for row in TABLE]
+    assert [value for value, _ in parameters.values()] == list(CHANGED.values())
+    assert [kind for _, kind in parameters.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
 
 
-def test_mavproxy_reads_the_defaults():
+def test_mavproxy_decodes_the_defaults():
     defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"}, 3)).defaults
     assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
     assert param_ftp.ftp_param_decode(pack(CHANGED, {}, 3)).defaults is None
@@ -42,87 +42,81 @@ def test_mavproxy_reads_the_defaults():
         ({"start": "³"}, (0, len(TABLE))),
     ],
 )
-def test_a_part_of_the_list(query, rows):
+def test_start_and_count_select_rows(query, rows):
     content = pack(CHANGED, query, 3)
     magic, count, total = struct.unpack_from("<HHH", content)
     assert (magic, count, total) == (0x671B, rows[1] - rows[0], len(TABLE))
-    whole = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy reads whole lists only
-    assert list(decoded(whole)) == [row.name for row in TABLE[rows[0] : rows[1]]]
+    complete = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy decodes only complete lists
+    assert list(decode(complete)) == [row.name for row in TABLE[rows[0] : rows[1]]]
 
 
-def upload(values, kinds=None, head=None):
-    """Pack values as `param ftpload` of MAVProxy does."""
-    body, before = b"", ""
+def encode(values, kinds=None, header=None):
+    """Encode values as `param ftpload` of MAVProxy does."""
+    body, previous = b"", ""
     for name, value in values.items():
-        common = next((i for i, (a, b) in enumerate(zip(before, name, strict=False)) if a != b), 0)
-        kind, form = kinds or ((4, "f") if value != int(value) else (1, "b") if abs(value) < 128 else (3, "i"))
-        body += bytes((kind, common | (len(name) - common - 1) << 4)) + name[common:].encode()
-        body += struct.pack(f"<{form}", value if form == "f" else int(value))
-        before = name
-    return struct.pack("<HHH", *(head or (0x671B, len(values), 6 + len(body)))) + body
+        prefix = next((i for i, (a, b) in enumerate(zip(previous, name, strict=False)) if a != b), 0)
+        kind, format_code = kinds or ((4, "f") if value != int(value) else (1, "b") if abs(value) < 128 else (3, "i"))
+        body += bytes((kind, prefix | (len(name) - prefix - 1) << 4)) + name[prefix:].encode()
+        body += struct.pack(f"<{format_code}", value if format_code == "f" else int(value))
+        previous = name
+    return struct.pack("<HHH", *(header or (0x671B, len(values), 6 + len(body)))) + body
 
 
-def test_an_upload_of_mavproxys_kind_is_read():
+def test_upload_of_mavproxy_is_decoded():
     values = {"CTL_K1": 41.5, "CTL_K2": 1.0, "LOG_KEEP_MB": 5000.0}
-    assert unpack(upload(values)) == values
+    assert unpack(encode(values)) == values
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    ("content", "reason"),
     [
         (b"", "shorter"),
-        (upload({"CTL_K1": 41.5}, head=(0x671C, 1, 18)), "begins with"),
-        (upload({"CTL_K1": 41.5})[:-1], "bytes of"),
-        (upload({"CTL_K1": 41.5}, head=(0x671B, 2, 18)), "instead of 2"),
-        (upload({"CTL_K1": 41.5, "NOPE": 1.0}), "unknown parameter 'NOPE'"),
-        (upload({"CTL_K1": 1000.5}), "out of range"),
-        (upload({"CTL_K1": float("nan")}, kinds=(4, "f")), "not a number"),
-        (upload({"LOOP_RATE_HZ": 10.5}), "not a whole number"),
-        (upload({"STAT_BOOTCNT": 5.0}), "read-only"),
-        (struct.pack("<HHH", 0x671B, 1, 8) + b"\x09\x00", "begins no parameter"),
-        (struct.pack("<HHH", 0x671B, 1, 7) + b"\x04", "begins no parameter"),
+        (encode({"CTL_K1": 41.5}, header=(0x671C, 1, 18)), "begins with"),
+        (encode({"CTL_K1": 41.5})[:-1], "bytes received"),
+        (encode({"CTL_K1": 41.5}, header=(0x671B, 2, 18)), "instead of 2"),
+        (encode({"CTL_K1": 41.5, "NOPE": 1.0}), "unknown parameter 'NOPE'"),
+        (encode({"CTL_K1": 1000.5}), "out of range"),
+        (encode({"CTL_K1": float("nan")}, kinds=(4, "f")), "not a number"),
+        (encode({"LOOP_RATE_HZ": 10.5}), "not a whole number"),
+        (encode({"STAT_BOOTCNT": 5.0}), "read-only"),
+        (struct.pack("<HHH", 0x671B, 1, 8) + b"\x09\x00", "no valid parameter"),
+        (struct.pack("<HHH", 0x671B, 1, 7) + b"\x04", "no valid parameter"),
         (struct.pack("<HHH", 0x671B, 1, 9) + b"\x04\xf0A", "cut off"),
         (struct.pack("<HHH", 0x671B, 1, 13) + b"\x04\x05A\0\0\0\0", "cut off"),
     ],
 )
-def test_what_is_wrong_with_an_upload_is_said(content, complaint):
-    with pytest.raises(ParameterError, match=complaint):
+def test_invalid_upload_is_refused(content, reason):
+    with pytest.raises(ParameterError, match=reason):
         unpack(content)
 
 
-# ---------------------------------------------------------------------- over the link
-
-
-def test_an_upload_sets_all_of_it_and_reports_everybody(rig, ftp_station, of):
+def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
     client = ftp_station(rig)
-    content = upload({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0})
     client.ask(6, "@PARAM/param.pck")
-    client.ask(7, content)
+    client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0}))
     replies = rig.tell(client.request(1))
     assert [reply.payload[3] for reply in of(replies, "FILE_TRANSFER_PROTOCOL")] == [128]
-    assert {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")} == {
-        "CTL_K1": 41.5,
-        "CTL_K2": 1.0,
-    }
+    values = {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")}
+    assert values == {"CTL_K1": 41.5, "CTL_K2": 1.0}
     assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
 
 
-def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
+def test_upload_with_one_invalid_value_sets_nothing(rig, ftp_station, texts):
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
-    client.ask(7, upload({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
+    client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
     replies = rig.tell(client.request(1))
     assert "CTL_K2" in texts(replies)[0]
     assert rig.request_handler.values == ParameterSet()
     assert rig.request_handler.requests == []
 
 
-def test_the_list_comes_by_file_transfer(rig, ftp_station):
+def test_list_is_read_by_file_transfer(rig, ftp_station):
     rig.request_handler.values = CHANGED
-    assert decoded(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)
+    assert decode(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)
 
 
-def test_for_another_identity_every_type_is_a_float():
-    found = decoded(pack(CHANGED, {}, 0))
-    assert {kind for _, kind in found.values()} == {4}
-    assert {name: value for name, (value, _) in found.items()} == pytest.approx(dict(CHANGED.items()))
+def test_generic_autopilot_has_only_floats():
+    parameters = decode(pack(CHANGED, {}, 0))
+    assert {kind for _, kind in parameters.values()} == {4}
+    assert {name: value for name, (value, _) in parameters.items()} == pytest.approx(dict(CHANGED.items()))

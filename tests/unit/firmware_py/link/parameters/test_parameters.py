@@ -1,6 +1,7 @@
-"""The parameter protocol."""
+"""The parameter protocols: PARAM and PARAM_EXT messages."""
 
 import math
+import struct
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -11,51 +12,108 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from support.link import without_unasked
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
+ACCEPTED, VALUE_UNSUPPORTED, FAILED = 0, 1, 2
+K1 = INDEX["CTL_K1"]
+LIST = mavlink.MAVLink_param_request_list_message(1, 1)
+LIST_EXTENDED = mavlink.MAVLink_param_ext_request_list_message(1, 1)
 
 
-def set_to(name, value, kind=9, target=(1, 1)):
+def set_message(name, value, kind=9, target=(1, 1)):
     return mavlink.MAVLink_param_set_message(*target, name, value, kind)
 
 
-@pytest.mark.parametrize("component", [0, 1])
-def test_the_list_is_whole(rig, of, component):
-    replies = rig.tell(mavlink.MAVLink_param_request_list_message(1, component))
-    replies += of(rig.ticks(3), "PARAM_VALUE")
-    assert [value.param_id for value in replies] == [row.name for row in TABLE]
-    assert [value.param_index for value in replies] == list(range(len(TABLE)))
-    assert {value.param_count for value in replies} == {len(TABLE)}
-    assert [value.param_value for value in replies] == list(rig.request_handler.values.values())
-    assert {value.param_type for value in replies} == {6, 9}
-    assert all(value.param_type == row.kind for value, row in zip(replies, TABLE, strict=True))
+def set_extended(name, value, kind=9):
+    return mavlink.MAVLink_param_ext_set_message(1, 1, name, value, kind)
 
 
-def test_for_another_identity_every_type_is_a_float(make_rig, of):
+def read_message(name, index=-1):
+    return mavlink.MAVLink_param_request_read_message(1, 1, name, index)
+
+
+def read_extended(name, index=-1):
+    return mavlink.MAVLink_param_ext_request_read_message(1, 1, name, index)
+
+
+def extended_number(message):
+    layout = {6: "<i", 9: "<f"}[message.param_type]
+    return struct.unpack_from(layout, message._param_value_raw.ljust(8, b"\0"))[0]
+
+
+@pytest.fixture
+def slow_rig(make_rig):
+    """Makes a rig with a radio link of some bytes a second."""
+
+    def make(byte_rate):
+        rig = make_rig(byte_rate=byte_rate, radio=True)
+        rig.tick()
+        return rig
+
+    return make
+
+
+# ---------------------------------------------------------------------- listing and reading
+
+
+@pytest.mark.parametrize(
+    ("request_message", "reply"),
+    [
+        (LIST, "PARAM_VALUE"),
+        (mavlink.MAVLink_param_request_list_message(1, 0), "PARAM_VALUE"),
+        (LIST_EXTENDED, "PARAM_EXT_VALUE"),
+    ],
+)
+def test_list_has_all_parameters(rig, of, request_message, reply):
+    values = of(rig.tell(request_message) + rig.ticks(3), reply)
+    assert [value.param_id for value in values] == [row.name for row in TABLE]
+    assert [value.param_index for value in values] == list(range(len(TABLE)))
+    assert {value.param_count for value in values} == {len(TABLE)}
+    assert [value.param_type for value in values] == [row.kind for row in TABLE]
+    numbers = [extended_number(value) if reply == "PARAM_EXT_VALUE" else value.param_value for value in values]
+    assert numbers == list(rig.request_handler.values.values())
+
+
+def test_generic_autopilot_has_only_floats(make_rig, of):
     rig = make_rig(identity=0)
-    replies = without_unasked(rig.tell(mavlink.MAVLink_param_request_list_message(1, 1)) + rig.ticks(3))
-    assert [value.param_value for value in of(replies, "PARAM_VALUE")] == list(rig.request_handler.values.values())
-    assert {value.param_type for value in of(replies, "PARAM_VALUE")} == {9}
+    values = of(without_unasked(rig.tell(LIST) + rig.ticks(3)), "PARAM_VALUE")
+    assert [value.param_value for value in values] == list(rig.request_handler.values.values())
+    assert {value.param_type for value in values} == {9}
     for kind in (6, 9):
-        (value,) = of(rig.tell(set_to(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
+        (value,) = of(rig.tell(set_message(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
         assert (value.param_value, value.param_type) == (10.0 + kind, 9)
 
 
-def test_reading_by_name_and_by_index(rig):
-    (named,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1))
-    (numbered,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"", INDEX["CTL_K1"]))
-    for value in (named, numbered):
-        assert (value.param_id, value.param_value, value.param_index) == ("CTL_K1", 40.0, INDEX["CTL_K1"])
+@pytest.mark.parametrize("read", [read_message, read_extended])
+def test_parameter_is_read_by_name_and_by_index(rig, read):
+    for message in (read(b"CTL_K1"), read(b"", K1)):
+        (value,) = rig.tell(message)
+        number = extended_number(value) if read is read_extended else value.param_value
+        assert (value.param_id, number, value.param_index) == ("CTL_K1", 40.0, K1)
 
 
-@pytest.mark.parametrize(("name", "index"), [(b"NOPE", -1), (b"", -1), (b"", 999), (b"CTL_K1", -2), (b"\xff" * 16, -1)])
-def test_what_does_not_exist_is_said_not_to(rig, name, index):
-    (error,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
+@pytest.mark.parametrize("read", [read_message, read_extended])
+@pytest.mark.parametrize(
+    ("name", "index"), [(b"NOPE", -1), (b"", -1), (b"", 999), (b"", len(TABLE)), (b"CTL_K1", -2), (b"\xff" * 16, -1)]
+)
+def test_read_of_an_unknown_parameter_is_refused(rig, read, name, index):
+    (error,) = rig.tell(read(name, index))
     assert (error.get_type(), error.error, error.param_index) == ("PARAM_ERROR", UNKNOWN, index)
 
 
-def test_a_change_is_confirmed_to_everybody(make_rig, of):
+@pytest.mark.parametrize("end", [b"", b"\0"])
+def test_name_of_sixteen_characters_needs_no_end(rig, monkeypatch, end):
+    name = "A_NAME_OF_SIXTEEN"[:16]
+    monkeypatch.setitem(INDEX, name, 3)
+    (value,) = rig.tell(read_message((name.encode() + end)[:16]))
+    assert value.param_index == 3
+
+
+# ---------------------------------------------------------------------- setting
+
+
+def test_change_is_sent_to_all_peers(make_rig, of):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
-    rig.transport.inbox.append(("one", rig.frame(set_to(b"CTL_K1", 41.5))))
+    rig.transport.inbox.append(("one", rig.frame(set_message(b"CTL_K1", 41.5))))
     rig.endpoint.service(rig.now_s, [100])
     sent = list(rig.transport.sent)
     for address in ("one", "two"):
@@ -65,130 +123,85 @@ def test_a_change_is_confirmed_to_everybody(make_rig, of):
     assert rig.request_handler.intents == [SetParameter("CTL_K1", 41.5)]
 
 
-def test_a_change_is_confirmed_only_when_it_is_stored(rig):
+@pytest.mark.parametrize("is_stored", [True, False])
+def test_change_is_confirmed_after_storing(rig, of, texts, is_stored):
     rig.request_handler.at_once = False
-    assert rig.tell(set_to(b"CTL_K1", 41.5)) == []
-    rig.request_handler.waiting.pop()(True)
-    (value,) = rig.replies()
-    assert (value.param_id, value.param_value) == ("CTL_K1", 41.5)
+    assert rig.tell(set_message(b"CTL_K1", 41.5)) == []
+    rig.request_handler.waiting.pop()(is_stored)
+    replies = rig.replies()
+    assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [41.5] * is_stored
+    assert texts(replies) == [] if is_stored else ["CTL_K1 active but not stored"]
 
 
-def test_a_change_that_cannot_be_stored_is_not_confirmed_but_reported(rig, texts):
+@pytest.mark.parametrize(
+    ("value", "kind"), [(struct.pack("<f", 41.0), 9), (struct.pack("<d", 41.0), 10), (b"\x29", 1), (b"\x29\0\0\0", 6)]
+)
+@pytest.mark.parametrize(("is_stored", "result"), [(True, ACCEPTED), (False, FAILED)])
+def test_extended_change_is_acknowledged_after_storing(rig, of, value, kind, is_stored, result):
     rig.request_handler.at_once = False
-    rig.tell(set_to(b"CTL_K1", 41.5))
-    rig.request_handler.waiting.pop()(False)
-    assert texts(rig.replies()) == ["CTL_K1 is in force but could not be stored"]
+    assert rig.tell(set_extended(b"CTL_K1", value, kind)) == []
+    rig.request_handler.waiting.pop()(is_stored)
+    replies = rig.replies()
+    (ack,) = of(replies, "PARAM_EXT_ACK")
+    assert (ack.param_id, ack.param_result) == ("CTL_K1", result)
+    assert (extended_number(ack), ack.param_type) == (41.0, Kind.REAL)
+    assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [41.0] * is_stored
+    assert rig.request_handler.intents == [SetParameter("CTL_K1", 41.0)]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3.4e38, -1.0, 200.5])
-def test_a_refused_value_is_answered_with_the_unchanged_one_and_a_reason(rig, texts, of, value):
-    replies = rig.tell(set_to(b"CTL_K1", value))
+def test_invalid_value_is_refused_with_the_present_value_and_the_reason(rig, texts, of, value):
+    replies = rig.tell(set_message(b"CTL_K1", value))
     (error,) = of(replies, "PARAM_ERROR")
     assert (error.error, error.param_id, error.target_system) == (OUT_OF_RANGE, "CTL_K1", 255)
-    # The first one pymavlink takes for what it has asked for; by the second it knows what is.
-    assert [unchanged.param_value for unchanged in of(replies, "PARAM_VALUE")] == [40.0, 40.0]
+    # pymavlink takes the first reply for an acknowledgement and the second one for the present value.
+    assert [present.param_value for present in of(replies, "PARAM_VALUE")] == [40.0, 40.0]
     assert "0 to 200" in texts(replies)[0]
     assert rig.request_handler.values["CTL_K1"] == 40.0
 
 
-def test_an_integer_sent_bytewise_is_refused(rig, of):
-    assert of(rig.tell(set_to(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
+@pytest.mark.parametrize(
+    ("name", "value", "kind", "result"),
+    [
+        (b"CTL_K1", struct.pack("<f", 1e30), 9, VALUE_UNSUPPORTED),
+        (b"CTL_K1", struct.pack("<f", float("nan")), 9, VALUE_UNSUPPORTED),
+        (b"LOOP_RATE_HZ", struct.pack("<f", 10.5), 9, VALUE_UNSUPPORTED),
+        (b"STAT_BOOTCNT", struct.pack("<i", 7), 6, VALUE_UNSUPPORTED),
+        (b"CTL_K1", b"forty", 11, VALUE_UNSUPPORTED),
+        (b"CTL_K1", b"\x29", 0, VALUE_UNSUPPORTED),
+        (b"NOPE", struct.pack("<f", 1.0), 9, FAILED),
+    ],
+)
+def test_invalid_extended_value_is_refused_with_the_present_value(rig, of, name, value, kind, result):
+    values = rig.request_handler.values
+    (ack,) = of(rig.tell(set_extended(name, value, kind)), "PARAM_EXT_ACK")
+    assert (ack.param_id, ack.param_result) == (name.decode(), result)
+    if name != b"NOPE":
+        assert extended_number(ack) == values[name.decode()]
+    assert rig.request_handler.values is values
+
+
+def test_integer_with_float_bytes_is_refused(rig, of):
     assert TABLE[INDEX["LOOP_RATE_HZ"]].kind is Kind.INTEGER
+    assert of(rig.tell(set_message(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
     assert rig.request_handler.values["LOOP_RATE_HZ"] == 10
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7)])
-def test_someone_elses_parameters_are_left_alone(rig, target):
-    assert rig.tell(set_to(b"CTL_K1", 41.5, target=target)) == []
+def test_change_for_another_system_or_component_is_ignored(rig, target):
+    assert rig.tell(set_message(b"CTL_K1", 41.5, target=target)) == []
     assert rig.request_handler.requests == []
 
 
-def test_an_unknown_name_is_not_put_to_the_loop(rig):
-    (error,) = rig.tell(set_to(b"NOPE", 1.0))
+def test_unknown_name_is_refused(rig):
+    (error,) = rig.tell(set_message(b"NOPE", 1.0))
     assert (error.error, error.param_id) == (UNKNOWN, "NOPE")
     assert rig.request_handler.requests == []
 
 
-def test_changes_under_way_are_bounded(rig):
-    rig.request_handler.at_once = False
-    for number in range(500):
-        rig.tell(set_to(b"CTL_K1", number % 100))
-    assert len(rig.request_handler.waiting) <= 64
-    waiting, rig.request_handler.waiting = rig.request_handler.waiting, []
-    for call in waiting:
-        call(True)
-    rig.replies()
-    rig.tell(set_to(b"CTL_K1", 7.0))
-    assert rig.request_handler.values["CTL_K1"] == 7.0
-
-
-def test_one_station_s_changes_without_end_do_not_shut_out_another_s(make_rig):
-    rig = make_rig(addresses=("mad", "sound"))
-    rig.request_handler.at_once = False
-    for number in range(200):
-        rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"LOIT_RADIUS", 50.0 + number, 9), address="mad")
-    waiting = len(rig.request_handler.waiting)
-    rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"RUD_LIMIT_DEG", 20.0, 9), address="sound")
-    assert len(rig.request_handler.waiting) == waiting + 1
-    assert rig.request_handler.values["RUD_LIMIT_DEG"] == 20.0
-    for call in rig.request_handler.waiting:
-        call(True)
-    rig.request_handler.waiting.clear()
-    rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"LOIT_RADIUS", 20.0, 9), address="mad")
-    assert rig.request_handler.values["LOIT_RADIUS"] == 20.0
-
-
-def test_the_list_is_paced_on_a_slow_line_and_still_whole(make_rig, of):
-    rig = make_rig(byte_rate=960.0, radio=True)
-    rig.tick()
-    replies = rig.tell(mavlink.MAVLink_param_request_list_message(1, 1))
-    assert len(of(replies, "PARAM_VALUE")) < len(TABLE)
-    values, beats = [], 0
-    for _ in range(100):
-        replies = without_unasked(rig.tick())
-        values += of(replies, "PARAM_VALUE")
-        beats += len(of(replies, "HEARTBEAT"))
-    assert values[-1].param_index == len(TABLE) - 1
-    assert beats == pytest.approx(10, abs=1)
-
-
-def test_a_list_on_a_very_slow_line_does_not_silence_the_heartbeat(make_rig, of):
-    rig = make_rig(byte_rate=120.0, radio=True)
-    rig.tick()
-    rig.tell(mavlink.MAVLink_param_request_list_message(1, 1))
-    replies = without_unasked(rig.ticks(50))
-    assert of(replies, "PARAM_VALUE")[-1].param_index < len(TABLE) - 1
-    assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
-
-
-@pytest.mark.parametrize("spare", [b"", b"\0"])
-def test_a_name_as_long_as_the_field_needs_no_end(rig, monkeypatch, spare):
-    name = "A_NAME_OF_SIXTEEN"[:16]
-    monkeypatch.setitem(INDEX, name, 3)
-    (value,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, (name.encode() + spare)[:16], -1))
-    assert value.param_index == 3
-
-
-def test_a_value_that_is_in_force_already_is_confirmed_without_being_set_again(rig, of):
-    rig.request_handler.at_once = False
-    assert rig.tell(set_to(b"CTL_K1", 40.0)) == []
-    rig.request_handler.waiting.pop()(True)  # what is under way may be an earlier change to the same value
-    (value,) = of(rig.replies(), "PARAM_VALUE")
-    assert (value.param_id, value.param_value) == ("CTL_K1", 40.0)
-    assert rig.request_handler.requests == []
-
-
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_the_fence_is_enabled_again_since_a_command_may_have_overruled_it(rig, of, value):
-    rig.tell(set_to(b"FENCE_ENABLE", value, kind=6))
-    (reports,) = of(rig.tell(set_to(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
-    assert reports.param_value == value
-    assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", value)] * 2
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_read_only_parameter_is_refused_as_such(rig, of, texts, value):
-    replies = rig.tell(set_to(b"STAT_BOOTCNT", value, kind=6))
+def test_read_only_parameter_is_refused(rig, of, texts, value):
+    replies = rig.tell(set_message(b"STAT_BOOTCNT", value, kind=6))
     (error,) = of(replies, "PARAM_ERROR")
     assert (error.error, error.param_id) == (mavlink.MAV_PARAM_ERROR_READ_ONLY, "STAT_BOOTCNT")
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [0.0, 0.0]
@@ -196,39 +209,114 @@ def test_a_read_only_parameter_is_refused_as_such(rig, of, texts, value):
     assert rig.request_handler.requests == []
 
 
-def test_what_takes_effect_at_the_next_start_is_said_to(rig, of, texts):
-    replies = rig.tell(set_to(b"LNK_SYSID", 7.0, kind=6))
+def test_unchanged_value_is_confirmed_without_a_request(rig, of):
+    rig.request_handler.at_once = False
+    assert rig.tell(set_message(b"CTL_K1", 40.0)) == []
+    rig.request_handler.waiting.pop()(True)  # an earlier change to this value may not be stored yet
+    (value,) = of(rig.replies(), "PARAM_VALUE")
+    assert (value.param_id, value.param_value) == ("CTL_K1", 40.0)
+    assert rig.request_handler.requests == []
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_fence_enable_is_requested_even_if_unchanged(rig, of, value):
+    """A command may have overridden the parameter."""
+    rig.tell(set_message(b"FENCE_ENABLE", value, kind=6))
+    (report,) = of(rig.tell(set_message(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
+    assert report.param_value == value
+    assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", value)] * 2
+
+
+def test_parameter_that_needs_a_restart_is_reported(rig, of, texts):
+    replies = rig.tell(set_message(b"LNK_SYSID", 7.0, kind=6))
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [7.0]
     assert texts(replies) == ["LNK_SYSID: takes effect at the next start"]
-    assert texts(rig.tell(set_to(b"LNK_SYSID", 7.0, kind=6))) == []
+    assert texts(rig.tell(set_message(b"LNK_SYSID", 7.0, kind=6))) == []
 
 
-def test_no_confirmation_is_lost_on_a_slow_line(make_rig, of):
-    """More changes at once than the line's queue holds: each parameter is reported in the end, as it is then."""
-    rig = make_rig(byte_rate=960.0, radio=True)
-    rig.tick()
+# ---------------------------------------------------------------------- limits
+
+
+def test_number_of_unstored_changes_of_a_peer_is_limited_to_32(rig):
+    rig.request_handler.at_once = False
+    for number in range(100):
+        rig.tell(set_message(b"CTL_K1", 100.0 + number))
+        rig.tell(set_extended(b"CTL_K1", struct.pack("<f", number)))
+    assert len(rig.request_handler.waiting) == 32
+    pending, rig.request_handler.waiting = rig.request_handler.waiting, []
+    for finish_storing in pending:
+        finish_storing(True)
+    rig.replies()
+    rig.tell(set_message(b"CTL_K1", 7.0))
+    assert rig.request_handler.values["CTL_K1"] == 7.0
+
+
+def test_unstored_changes_of_one_station_do_not_block_another(make_rig):
+    rig = make_rig(addresses=("flooding", "normal"))
+    rig.request_handler.at_once = False
+    for number in range(200):
+        rig.tell(set_message(b"LOIT_RADIUS", 50.0 + number), address="flooding")
+    pending_count = len(rig.request_handler.waiting)
+    rig.tell(set_message(b"RUD_LIMIT_DEG", 20.0), address="normal")
+    assert len(rig.request_handler.waiting) == pending_count + 1
+    assert rig.request_handler.values["RUD_LIMIT_DEG"] == 20.0
+
+
+def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig):
+    addresses = [f"station {number}" for number in range(6)]
+    rig = make_rig(addresses=addresses)
+    rig.request_handler.at_once = False
+    for number in range(32):
+        for address in addresses:
+            rig.tell(set_message(b"LOIT_RADIUS", 50.0 + number), address=address)
+    assert len(rig.request_handler.waiting) == 128
+
+
+# ---------------------------------------------------------------------- slow links
+
+
+@pytest.mark.parametrize(("byte_rate", "is_complete"), [(960.0, True), (120.0, False)])
+def test_list_on_a_slow_link_does_not_delay_heartbeats(slow_rig, of, byte_rate, is_complete):
+    rig = slow_rig(byte_rate)
+    assert len(of(rig.tell(LIST), "PARAM_VALUE")) < len(TABLE)
+    replies = without_unasked(rig.ticks(100))
+    assert (of(replies, "PARAM_VALUE")[-1].param_index == len(TABLE) - 1) == is_complete
+    assert len(of(replies, "HEARTBEAT")) == pytest.approx(10, abs=1)
+
+
+def test_extended_list_on_a_slow_link_does_not_delay_telemetry(slow_rig, of):
+    rig = slow_rig(1200.0)
+    rig.tell(LIST_EXTENDED)
+    replies = without_unasked(rig.ticks(50))
+    assert len(of(replies, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
+    assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
+    assert len(of(replies, "ATTITUDE")) > 0
+    replies += rig.ticks(250)
+    assert [value.param_index for value in of(replies, "PARAM_EXT_VALUE")] == list(range(len(TABLE)))
+
+
+def test_slow_link_sends_the_latest_value_of_every_change(slow_rig, of):
+    """The changes exceed the queue of the link."""
+    rig = slow_rig(960.0)
     reals = [row for row in TABLE if row.kind is Kind.REAL]
     replies = []
-    for share in (0.25, 0.5, 0.75):
+    for fraction in (0.25, 0.5, 0.75):
         for row in reals:
-            replies += rig.tell(set_to(row.name.encode(), row.minimum + share * (row.maximum - row.minimum)))
+            replies += rig.tell(set_message(row.name.encode(), row.minimum + fraction * (row.maximum - row.minimum)))
     replies += rig.ticks(100)
     reports = {value.param_id: value.param_value for value in of(without_unasked(replies), "PARAM_VALUE")}
     assert reports == {row.name: rig.request_handler.values[row.name] for row in reals}
 
 
-def test_a_line_that_takes_nothing_for_a_while_gets_what_it_is_owed(make_rig, of):
-    rig = make_rig()
-    rig.tick()
+def test_blocked_link_gets_all_values_later(rig, of):
     rig.transport.is_writable = False
     for index in range(len(TABLE)):
-        rig.transport.inbox.append(("station", rig.frame(mavlink.MAVLink_param_request_read_message(1, 1, b"", index))))
+        rig.transport.inbox.append(("station", rig.frame(read_message(b"", index))))
     for _ in range(20):
         rig.endpoint.service(rig.now_s, [100])
     rig.transport.is_writable = True
     rig.tick_silently()
-    replies = rig.give(b"")
-    assert [value.param_index for value in of(replies, "PARAM_VALUE")] == list(range(len(TABLE)))
+    assert [value.param_index for value in of(rig.give(b""), "PARAM_VALUE")] == list(range(len(TABLE)))
     assert not rig.endpoint.busy
 
 
@@ -236,7 +324,7 @@ def test_two_stations_read_the_list_at_the_same_time(make_rig):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     for address in ("one", "two"):
-        rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))))
+        rig.transport.inbox.append((address, rig.frame(LIST)))
     rig.endpoint.service(rig.now_s, [100])
     while rig.endpoint.busy:
         rig.endpoint.service(rig.now_s, [])
