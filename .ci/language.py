@@ -15,30 +15,30 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# In every text and as a part of a name.
+# Denied in every text and as a part of a name.
 WORDS = """
 she her hers herself nobody somebody whoever anew told tells heed heeds heeded unheeded owes hindrance hindered berth
 namesake namesakes helmsman stiffness stiffer stiff soften softened softens softer afloat crew unkind unkindness
 unkindnesses reckoned reckons seldom kin ills amiss aught naught hither thence whence
 """.split()  # noqa: SIM905 - reads better than a list
-# Groups of words, in texts alone.
+# Denied groups of words in texts (regular expressions).
 PHRASES = (
     r"(?<!dead )\breckoning\b",
     r"\bcom(?:es|ing) round\b",
     r"\bit may little\b",
     r"\bwhat is (?:told|shown|given|known)\b",
 )
-# Whole names: participles and quantities that name no thing.
+# Denied whole names: participles and quantities without a noun.
 NAMES = "heard told shown asked said least much enough worth"
-# A docstring says what a function computes, not "Return what fills ...".
+# A docstring states what a function computes, not "Return what fills ...".
 DOCSTRING = re.compile(r'^[rRbBuUfF]*"""\s*Returns? (?:what|who|how)\b')
 # Names of parameters, faults, commands, keys and log fields that scripts rely on.
-KEPT = re.compile(
+ALLOWED = re.compile(
     r"\b(?:POS_RECKON_M|told_s)\b|(?<=\")tells(?=\")|\breckoned(?:_\w+\b|(?=:))|dead-reckoned|hindrance(?=[`\"'])|(?<=one\.)hindrance"
 )
 # Former names of stored fields.
-FORMER = re.compile(r"^FORMER_NAMES.*?^}", re.MULTILINE | re.DOTALL)
-EXEMPT = (
+FORMER_NAMES_TABLE = re.compile(r"^FORMER_NAMES.*?^}", re.MULTILINE | re.DOTALL)
+EXEMPT_PATHS = (
     "CHANGELOG.md", "LICENSE", "docs/decisions/", "docs/explanation/glossary.md", "docs/reference/changed-texts.md",
     "docs/figures.json", "tests/data/", "tests/replay/data/", "tests/fuzz/corpus/", ".ci/language.py",
     ".ci/constraints.txt",
@@ -54,20 +54,20 @@ _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 def _text_findings(text: str) -> Iterator[tuple[int, str]]:
     """Yield the line, from 0, and the text of each finding."""
     for line, content in enumerate(text.splitlines()):
-        plain = KEPT.sub("", content)
-        for match in (*_WORD.finditer(plain), *_PHRASE.finditer(plain)):
+        checked_text = ALLOWED.sub("", content)
+        for match in (*_WORD.finditer(checked_text), *_PHRASE.finditer(checked_text)):
             yield line, match.group()
 
 
 def _python_findings(text: str) -> Iterator[tuple[int, str]]:
     """Yield the findings of a Python file."""
-    text = FORMER.sub(lambda match: "\n" * match.group().count("\n"), text)
+    text = FORMER_NAMES_TABLE.sub(lambda match: "\n" * match.group().count("\n"), text)
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         line = token.start[0] - 1
         if token.type == tokenize.NAME:
-            words = _CAMEL.sub("_", token.string).split("_")
-            denied = _NAME.fullmatch(token.string) or any(word.lower() in WORDS for word in words)
-            if denied and not KEPT.fullmatch(token.string):
+            arguments = _CAMEL.sub("_", token.string).split("_")
+            is_denied = _NAME.fullmatch(token.string) or any(word.lower() in WORDS for word in arguments)
+            if is_denied and not ALLOWED.fullmatch(token.string):
                 yield line, token.string
         elif token.type in (tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", -1)):
             if DOCSTRING.match(token.string):
@@ -82,28 +82,28 @@ def findings(path: Path) -> list[tuple[int, str]]:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         return []
-    listed = _python_findings(text) if path.suffix == ".py" else _text_findings(text)
-    return [(line + 1, word) for line, word in listed]
+    hits = _python_findings(text) if path.suffix == ".py" else _text_findings(text)
+    return [(line + 1, word) for line, word in hits]
 
 
-def main(words: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Print the findings; return 1 if there are any."""
-    paths = [word for word in words if not word.startswith("-")]
+    paths = [word for word in arguments if not word.startswith("-")]
     listing = ["git", "ls-files", *paths]
     names = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True).stdout  # noqa: S603
-    folders: collections.Counter[str] = collections.Counter()
+    counts: collections.Counter[str] = collections.Counter()
     for name in names.splitlines():
         path = ROOT / name
-        if name.startswith(EXEMPT) or path.suffix not in SUFFIXES or not path.is_file():
+        if name.startswith(EXEMPT_PATHS) or path.suffix not in SUFFIXES or not path.is_file():
             continue
-        listed = findings(path)
-        folders["/".join(name.split("/")[:-1]) or name] += len(listed)
-        if "--count" not in words:
-            for line, word in listed:
+        hits = findings(path)
+        counts["/".join(name.split("/")[:-1]) or name] += len(hits)
+        if "--count" not in arguments:
+            for line, word in hits:
                 print(f"{name}:{line}: {word}")
-    total = sum(folders.values())
-    if "--count" in words:
-        for folder, count in sorted(folders.items()):
+    total = sum(counts.values())
+    if "--count" in arguments:
+        for folder, count in sorted(counts.items()):
             if count:
                 print(f"{count:6d} {folder}")
     print(f"{total} words of the deny list")

@@ -1,4 +1,4 @@
-"""Sphinx configuration of the manual. `make docs` builds it from the same pages that a code-hosting site shows."""
+"""Sphinx configuration of the manual. `make docs` builds it from the pages that a code-hosting site displays."""
 
 import re
 import sys
@@ -39,10 +39,10 @@ PAGES = {"REFERENCE.md": "parameters.md", **{f"{name}.md": f"{name.lower()}.md" 
 GENERATED_LINK = re.compile(rf"(?<=\]\()(?:\.\./docs/|{'|'.join(map(re.escape, PAGES))})")
 
 
-def complete(_app: Sphinx, page: str, source: list[str]) -> None:
+def complete_page(_app: Sphinx, page: str, source: list[str]) -> None:
     """Replace a link to a page below params/ by that page; add the pages that an index page links to the sidebar."""
-    if found := GENERATED.search(source[0]):
-        text = (HERE / page).parent.joinpath(found[1]).read_text(encoding="utf-8")
+    if match := GENERATED.search(source[0]):
+        text = (HERE / page).parent.joinpath(match[1]).read_text(encoding="utf-8")
         source[0] = GENERATED_LINK.sub(lambda link: PAGES.get(link[0], "../"), text)
     elif page.endswith("index"):
         entries = "\n".join(dict.fromkeys(LINK.findall(source[0])))
@@ -50,5 +50,5 @@ def complete(_app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Complete each page as it is read."""
-    app.connect("source-read", complete)
+    """Complete each page after it is read."""
+    app.connect("source-read", complete_page)

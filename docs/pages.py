@@ -11,7 +11,8 @@ A generated part is between two HTML comments, which Markdown viewers do not sho
     <!-- code: PATH NAME -->                     one function, class, method or assignment
     <!-- code: PATH /FIRST/ /LAST/ -->           from the first line that begins with FIRST to one that begins with LAST
 
-All but the first are on a line of their own, and so is their end. The pages below params/ are generated as a whole.
+Start and end of all parts except figures are on lines without other text. The pages below params/ are generated as a
+whole.
 """
 
 from __future__ import annotations
@@ -45,13 +46,13 @@ from firmware_py.sensors.nmea_transducers import QUANTITIES, UNITS  # noqa: E402
 from hil.lab.identify import nmea_capture  # noqa: E402
 
 PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
-WHOLE = {
+GENERATED_PAGES = {
     "params/REFERENCE.md": "rambler params --markdown",
     "params/FAULTS.md": "rambler params --faults",
     "params/MESSAGES.md": "rambler params --messages",
     "params/TEXTS.md": "rambler params --texts",
 }
-WIDTH = "88"
+COLUMNS = "88"
 NO_BREAK = "\u00a0"
 LANGUAGES = {".py": "python", ".toml": "toml"}
 FIGURE = re.compile(r"<!-- figure: (\w+) -->[^\n]*?<!-- end -->")
@@ -61,31 +62,31 @@ MARKER = re.compile(r"<!-- (?:figure|table|help|output|code): .*?-->")
 Entry = Mapping[str, Any]
 
 
-def number(value: float | str) -> str:
-    """Return a number with three significant digits and narrow spaces between thousands; return a text unchanged."""
+def format_number(value: float | str) -> str:
+    """Format a number with three significant digits and narrow spaces between thousands; return a text unchanged."""
     if isinstance(value, str):
         return value
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
-    whole, _, part = f"{value:,.{digits}f}".partition(".")
-    return ".".join(filter(None, (whole.replace(",", "\u202f"), part.rstrip("0"))))
+    integer, _, decimals = f"{value:,.{digits}f}".partition(".")
+    return ".".join(filter(None, (integer.replace(",", "\u202f"), decimals.rstrip("0"))))
 
 
 def figure_text(entry: Entry) -> str:
     """Return a figure with its unit; a short unit stays on the line of the number."""
     unit = entry["unit"]
-    return f"{number(entry['value'])}{' ' if ' ' in unit else NO_BREAK}{unit}".rstrip()
+    return f"{format_number(entry['value'])}{' ' if ' ' in unit else NO_BREAK}{unit}".rstrip()
 
 
 def bench_table(entries: list[Entry]) -> str:
     """Return the table of a group of measurements."""
-    verdicts = {True: ": met", False: ": **missed**", None: ""}
+    aim_texts = {True: ": met", False: ": **missed**", None: ""}
     rows = [
         (
             entry.get("name", ""),
             figure_text(entry),
-            "" if entry.get("bare") is None else f"{number(entry['bare'])} {entry['unit']}",
-            "" if entry.get("ratio") is None else number(entry["ratio"]),
-            entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + verdicts[entry.get("met")],
+            "" if entry.get("bare") is None else f"{format_number(entry['bare'])} {entry['unit']}",
+            "" if entry.get("ratio") is None else format_number(entry["ratio"]),
+            entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + aim_texts[entry.get("met")],
             entry.get("others", ""),
             entry.get("note", ""),
         )
@@ -97,7 +98,8 @@ def bench_table(entries: list[Entry]) -> str:
 def paper_table(entries: list[Entry]) -> str:
     """Return the table of the values of the paper and of Rambler."""
     return table(
-        ("quantity", "the paper", "Rambler"), [(one["name"], one["others"], figure_text(one)) for one in entries]
+        ("quantity", "the paper", "Rambler"),
+        [(entry["name"], entry["others"], figure_text(entry)) for entry in entries],
     )
 
 
@@ -112,7 +114,7 @@ def source_table(entries: Mapping[str, Entry]) -> str:
 
 
 def driver_table() -> str:
-    """Return the table of drivers and their options."""
+    """Return the table of drivers with their options."""
     return table(("section", "driver", "device", "option", "meaning", "default", "allowed"), list(_driver_rows()))
 
 
@@ -121,13 +123,13 @@ def _driver_rows() -> Iterator[tuple[str, ...]]:
         if section.endswith("_b"):  # the same drivers as for the first device
             continue
         for name, driver in drivers.items():
-            place = (f"`[{section}]`", f"`{name}`", driver.device)
+            cells = (f"`[{section}]`", f"`{name}`", driver.device)
             defaults, options = driver.options(), meanings(driver.options)
             for option, meaning in options.items():
-                yield (*place, f"`{option}`", meaning.text, _default(getattr(defaults, option)), _allowed(meaning))
-                place = ("", "", "")
+                yield (*cells, f"`{option}`", meaning.text, _default(getattr(defaults, option)), _allowed(meaning))
+                cells = ("", "", "")
             if not options:
-                yield (*place, "", "", "", "")
+                yield (*cells, "", "", "", "")
 
 
 def _default(value: object) -> str:
@@ -176,18 +178,18 @@ def table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Return a Markdown table without its empty columns."""
     if not rows:
         raise ValueError("no rows")
-    full = [place for place in range(len(titles)) if any(row[place] for row in rows)]
-    lines = [[line[place] for place in full] for line in (titles, ("---",) * len(titles), *rows)]
+    used_columns = [column for column in range(len(titles)) if any(row[column] for row in rows)]
+    lines = [[line[column] for column in used_columns] for line in (titles, ("---",) * len(titles), *rows)]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 @cache
-def printed_by(command: str) -> str:
-    """Return the output of a command line; ValueError for one without output."""
+def output_of(command: str) -> str:
+    """Return the output of a command line; raise ValueError if there is none."""
     program, *words = command.split()
     main = importlib.import_module(PROGRAMS[program]).main
     text = io.StringIO()
-    os.environ["COLUMNS"] = WIDTH
+    os.environ["COLUMNS"] = COLUMNS
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
         main(words)
     if not text.getvalue():
@@ -195,85 +197,85 @@ def printed_by(command: str) -> str:
     return text.getvalue()
 
 
-def excerpt(what: str) -> str:
-    """Return a fenced block with a file or a named part of it."""
-    path, _, part = what.partition(" ")
+def read_excerpt(argument: str) -> str:
+    """Return a fenced block with a file or a part of it; for the syntax see `code` in the docstring of this module."""
+    path, _, selector = argument.partition(" ")
     lines = (ROOT / path).read_text(encoding="utf-8").splitlines()
-    if found := re.fullmatch(r"/(.*)/ /(.*)/", part):
-        first = next(place for place, line in enumerate(lines) if line.strip().startswith(found[1]))
-        last = next(place for place, line in enumerate(lines[first:], first) if line.strip().startswith(found[2]))
-        lines = lines[first : last + 1]
-    elif part:
+    if match := re.fullmatch(r"/(.*)/ /(.*)/", selector):
+        start = next(number for number, line in enumerate(lines) if line.strip().startswith(match[1]))
+        end = next(number for number, line in enumerate(lines[start:], start) if line.strip().startswith(match[2]))
+        lines = lines[start : end + 1]
+    elif selector:
         node: ast.AST = ast.parse("\n".join(lines))
-        for name in part.split("."):
-            node = next(child for child in ast.iter_child_nodes(node) if name in _names(child))
-        decorators = [one.lineno for one in getattr(node, "decorator_list", [])]
+        for name in selector.split("."):
+            node = next(child for child in ast.iter_child_nodes(node) if name in _assigned_names(child))
+        decorators = [decorator.lineno for decorator in getattr(node, "decorator_list", [])]
         lines = lines[min([node.lineno, *decorators]) - 1 : node.end_lineno]  # type: ignore[attr-defined]
-    return fenced(textwrap.dedent("\n".join(lines)), LANGUAGES[Path(path).suffix])
+    return fence(textwrap.dedent("\n".join(lines)), LANGUAGES[Path(path).suffix])
 
 
-def _names(node: ast.AST) -> list[str]:
+def _assigned_names(node: ast.AST) -> list[str]:
     targets = getattr(node, "targets", [getattr(node, "target", None)])
-    return [getattr(node, "name", ""), *(one.id for one in targets if isinstance(one, ast.Name))]
+    return [getattr(node, "name", ""), *(target.id for target in targets if isinstance(target, ast.Name))]
 
 
-def fenced(text: str, language: str) -> str:
+def fence(text: str, language: str) -> str:
     """Return a block of code."""
     return f"```{language}\n{text.rstrip()}\n```"
 
 
 class Pages:
-    """Make the generated parts from one set of figures."""
+    """Generates the parts of pages from a set of figures."""
 
     def __init__(self, figures: Mapping[str, Entry]) -> None:
-        """Take the entries of docs/figures.json by their names."""
+        """Store the entries of docs/figures.json by name."""
         self._figures = figures
         self._makers: Mapping[str, Callable[[str], str]] = {
             "table": self._table,
-            "help": lambda command: fenced(printed_by(f"{command} -h"), "text"),
-            "output": printed_by,
-            "code": excerpt,
+            "help": lambda command: fence(output_of(f"{command} -h"), "text"),
+            "output": output_of,
+            "code": read_excerpt,
         }
 
-    def filled(self, text: str) -> str:
-        """Return a page with new generated parts; ValueError for a part that cannot be made."""
-        if wrong := re.search(r"^ *<!-- figure:.*", text, re.MULTILINE):
-            raise ValueError(f"a figure begins a line, which Markdown takes for HTML: {wrong[0]}")
+    def fill(self, text: str) -> str:
+        """Return a page with new generated parts; raise an error for a part that cannot be generated."""
+        if invalid := re.search(r"^ *<!-- figure:.*", text, re.MULTILINE):
+            raise ValueError(f"a figure begins a line, which Markdown takes for HTML: {invalid[0]}")
         filled, figures = FIGURE.subn(self._figure, text)
         filled, blocks = BLOCK.subn(self._block, filled)
         if figures + blocks != len(MARKER.findall(text)):
             raise ValueError("a generated part has no end, or shares its line with text")
         return filled
 
-    def _figure(self, found: re.Match[str]) -> str:
-        return f"<!-- figure: {found[1]} -->{figure_text(self._figures[found[1]])}<!-- end -->"
+    def _figure(self, match: re.Match[str]) -> str:
+        return f"<!-- figure: {match[1]} -->{figure_text(self._figures[match[1]])}<!-- end -->"
 
-    def _block(self, found: re.Match[str]) -> str:
-        indent, kind, what = found.groups()
-        text = f"<!-- {kind}: {what} -->\n\n{self._makers[kind](what).strip()}\n\n<!-- end -->"
+    def _block(self, match: re.Match[str]) -> str:
+        indent, kind, argument = match.groups()
+        text = f"<!-- {kind}: {argument} -->\n\n{self._makers[kind](argument).strip()}\n\n<!-- end -->"
         return textwrap.indent(text, indent)
 
-    def _table(self, what: str) -> str:
-        kind, _, prefix = what.partition(" ")
-        made = {"drivers": driver_table, "sentences": sentence_table, "transducers": transducer_table}
-        if kind in made:
-            return made[kind]()
+    def _table(self, argument: str) -> str:
+        kind, _, prefix = argument.partition(" ")
+        makers = {"drivers": driver_table, "sentences": sentence_table, "transducers": transducer_table}
+        if kind in makers:
+            return makers[kind]()
         if kind == "sources":
             return source_table(self._figures)
         entries = [entry for name, entry in self._figures.items() if name.startswith(f"{prefix or kind}_")]
         return {"bench": bench_table, "reproduce": paper_table}[kind](entries)
 
 
-def expected() -> Iterator[tuple[Path, str]]:
+def expected_pages() -> Iterator[tuple[Path, str]]:
     """Yield each page with its up-to-date text."""
     pages = Pages(json.loads((ROOT / "docs/figures.json").read_text(encoding="utf-8")))
-    for name, command in WHOLE.items():
-        yield ROOT / name, printed_by(command)
+    for name, command in GENERATED_PAGES.items():
+        yield ROOT / name, output_of(command)
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         if "_build" in path.parts:
             continue
         try:
-            yield path, pages.filled(path.read_text(encoding="utf-8"))
+            yield path, pages.fill(path.read_text(encoding="utf-8"))
         except (KeyError, ValueError, OSError, StopIteration, ImportError) as error:
             raise SystemExit(f"{path.relative_to(ROOT)}: {error!r}") from error
 
@@ -283,21 +285,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="write the generated parts of the Markdown pages")
     parser.add_argument("--check", action="store_true", help="write nothing, exit with 1 if a page is out of date")
     check = parser.parse_args().check
-    stale = []
-    for path, text in expected():
+    changed = []
+    for path, text in expected_pages():
         old = path.read_text(encoding="utf-8") if path.exists() else ""
         if text == old or (check and text.split() == old.split()):  # argparse breaks lines as its Python does
             continue
         name = path.relative_to(ROOT).as_posix()
-        stale.append(name)
+        changed.append(name)
         if check:
             sys.stdout.writelines(difflib.unified_diff(old.splitlines(True), text.splitlines(True), name, name, n=1))
         else:
             path.write_text(text, encoding="utf-8")
-    if stale:
+    if changed:
         result = "out of date, run `make pages`" if check else "written"
-        sys.stdout.write(f"{result}: {', '.join(stale)}\n")
-    return int(check and bool(stale))
+        sys.stdout.write(f"{result}: {', '.join(changed)}\n")
+    return int(check and bool(changed))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Steer a zigzag or circles by rudder alone, over MAVLink: python sea_trial.py zigzag|circle [URL]. Arm first."""
+"""Command a zigzag or circles in MANUAL over MAVLink: python sea_trial.py zigzag|circle [URL]. Arm first."""
 
 import math
 import sys
@@ -6,16 +6,16 @@ from collections.abc import Iterator
 
 from pymavlink import mavutil
 
-STICK = 667  # of 1000 for RUD_LIMIT_DEG: 20 of 30 deg
-ZIGZAG_RAD, SWINGS = math.radians(20.0), 10
-CIRCLES = 2  # to either side
+STICK_DEFLECTION = 667  # of 1000 for RUD_LIMIT_DEG: 20 of 30 deg
+ZIGZAG_RAD, HALF_CYCLES = math.radians(20.0), 10
+CIRCLES_PER_SIDE = 2
 
 
 def zigzag(headings: Iterator[float]) -> Iterator[int]:
-    """Yield the side of the rudder; it changes when the boat has turned by 20 deg from its first heading."""
+    """Yield the side of the rudder, which changes 20 deg to either side of the initial heading."""
     start_rad, side = next(headings), 1
     yield side
-    for _ in range(SWINGS):
+    for _ in range(HALF_CYCLES):
         while side * math.remainder(next(headings) - start_rad, math.tau) < ZIGZAG_RAD:
             yield side
         side = -side
@@ -25,7 +25,7 @@ def circle(headings: Iterator[float]) -> Iterator[int]:
     """Yield the side of the rudder: two circles to starboard, then two to port."""
     for side in (1, -1):
         turned_rad, previous_rad = 0.0, next(headings)
-        while side * turned_rad < CIRCLES * math.tau:
+        while side * turned_rad < CIRCLES_PER_SIDE * math.tau:
             yield side
             heading_rad = next(headings)
             turned_rad += math.remainder(heading_rad - previous_rad, math.tau)
@@ -33,7 +33,7 @@ def circle(headings: Iterator[float]) -> Iterator[int]:
 
 
 def headings_of(boat: mavutil.mavfile) -> Iterator[float]:
-    """Yield the heading of each ATTITUDE message while the boat is armed; else exit with the reason."""
+    """Yield the heading of each ATTITUDE message while the boat is armed; otherwise exit with the reason."""
     while boat.motors_armed():
         attitude = boat.recv_match(type="ATTITUDE", blocking=True, timeout=10)
         if attitude is None:
@@ -43,12 +43,12 @@ def headings_of(boat: mavutil.mavfile) -> Iterator[float]:
 
 
 def main(manoeuvre: str, url: str = "udpin:0.0.0.0:14550") -> None:
-    """Steer by the stick in MANUAL, then hold the heading."""
+    """Steer in MANUAL, then keep the heading in STEERING."""
     boat = mavutil.mavlink_connection(url)
     boat.wait_heartbeat()
     boat.set_mode("MANUAL")
     for side in {"zigzag": zigzag, "circle": circle}[manoeuvre](headings_of(boat)):
-        boat.mav.manual_control_send(boat.target_system, 0, side * STICK, 0, 0, 0)
+        boat.mav.manual_control_send(boat.target_system, 0, side * STICK_DEFLECTION, 0, 0, 0)
     boat.set_mode("STEERING")
 
 

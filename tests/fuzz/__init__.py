@@ -1,1 +1,1 @@
-"""Fuzzing: every reader of bytes from outside is given what an engine makes of a corpus (`make fuzz`)."""
+"""Fuzzing of all readers of external bytes with inputs that an engine derives from a corpus (`make fuzz`)."""

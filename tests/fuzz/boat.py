@@ -1,4 +1,4 @@
-"""The link on a transport in memory before the real autopilot, and what both must hold to."""
+"""The link and the real autopilot on a transport in memory, with checks of both."""
 
 import functools
 import hashlib
@@ -34,11 +34,11 @@ from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import checksum
 from firmware_py.link.wire.urls import PLAIN, LinkOptions, Policy, parse_options
 from firmware_py.plans.validation import problem_of
-from fuzz.target import MOST_RECORDS, check_finite, check_line
+from fuzz.target import MAX_RECORDS, check_finite, check_line
 from support.link import MemoryTransport, MemoryVault
 
-# Of the first byte.
-KEY, OPTIONS, STREAM, SLOW, LOST = 0x01, 0x0E, 0x10, 0x20, 0x40
+# Bits of the first byte of an input.
+KEY, OPTIONS, STREAM, SLOW, KEY_LOST = 0x01, 0x0E, 0x10, 0x20, 0x40
 LINK_OPTIONS = (
     PLAIN,
     *map(
@@ -51,20 +51,20 @@ LINK_OPTIONS = (
 )  # fmt: skip
 SECRET = bytes(range(1, 33))
 UTC_S = 1.7e9
-WRITTEN, AFTERWARDS = Moment(UTC_S, "a", 500.0), Moment(UTC_S + 1.0, "a", 700.0)
+STORE_TIME, RESUME_TIME = Moment(UTC_S, "a", 500.0), Moment(UTC_S + 1.0, "a", 700.0)
 NOW_UNITS = int((UTC_S - 1_420_070_400) * 100_000)
 STATIONS = {"one": (255, 190), "two": (254, 190)}
-MOST_ROUNDS = 5000
-MOST_QUEUED = 600
-PLACE = (0.6283, 2.1118)
+MAX_ROUNDS = 5000
+MAX_QUEUED = 600
+POSITION_RAD = (0.6283, 2.1118)
 LOG = bytes(range(256)) * 12
 
 
-class Keeper:
-    """Keeps what outlives a restart, and says so when the test lets it."""
+class MemoryStorage:
+    """Storage in memory that completes its jobs when the test calls `answer`."""
 
     def __init__(self):
-        self.parameters, self.plans, self.waiting = {}, {}, []
+        self.parameters, self.plans, self.pending_calls = {}, {}, []
 
     def save_parameters(self, changed):
         self.parameters.update(changed)
@@ -73,37 +73,37 @@ class Keeper:
         self.parameters.clear()
 
     def save_plan(self, plan, done):
-        def store(well):
-            if well:
+        def store(is_stored):
+            if is_stored:
                 self.plans[plan.kind] = plan_to_text(plan)
-            done(well)
+            done(is_stored)
 
-        self.waiting.append(store)
+        self.pending_calls.append(store)
 
     def save_resume(self, text):
         pass
 
     def when_parameters_stored(self, call):
-        self.waiting.append(call)
+        self.pending_calls.append(call)
 
     when_resume_stored = when_parameters_stored
 
-    def answer(self, *, well):
-        waiting, self.waiting = self.waiting, []
-        for call in waiting:
-            call(well)
+    def answer(self, *, is_stored):
+        pending_calls, self.pending_calls = self.pending_calls, []
+        for call in pending_calls:
+            call(is_stored)
 
 
-class Judge:
-    """The autopilot as the link sees it; holds it to what it promises."""
+class CheckedAutopilot:
+    """The autopilot as request handler of the link, with checks of its answers and of its state."""
 
-    def __init__(self, pilot, keeper):
-        self.pilot, self.keeper = pilot, keeper
-        self.allowed = True  # whether who speaks may command
-        self.changed = False  # whether anything was accepted
-        self.parameters, self.plans = pilot.parameters, pilot.plans
-        self.compass_swing = pilot.compass_swing
-        self.when_stored, self.when_orders_stored = pilot.when_stored, pilot.when_orders_stored
+    def __init__(self, autopilot, storage):
+        self.autopilot, self.storage = autopilot, storage
+        self.allowed = True  # whether the present sender may command
+        self.changed = False  # whether a request was accepted
+        self.parameters, self.plans = autopilot.parameters, autopilot.plans
+        self.compass_swing = autopilot.compass_swing
+        self.when_stored, self.when_orders_stored = autopilot.when_stored, autopilot.when_orders_stored
 
     def decide(self, request):
         return self.decide_together((request,))
@@ -111,34 +111,34 @@ class Judge:
     def decide_together(self, requests):
         assert self.allowed, requests
         assert all(math.isfinite(request.t_s) for request in requests)
-        before, kept = self.pilot._ahead, dict(self.keeper.parameters)
-        answer = self.pilot.decide_together(requests)
+        previous, previous_parameters = self.autopilot._ahead, dict(self.storage.parameters)
+        answer = self.autopilot.decide_together(requests)
         if answer.verdict is not Verdict.ACCEPTED:
             check_line(answer.text)
-            assert self.pilot._ahead is before
-            assert self.keeper.parameters == kept
+            assert self.autopilot._ahead is previous
+            assert self.storage.parameters == previous_parameters
             return answer
         self.changed = True
-        check_state(self.pilot._ahead)
+        check_state(self.autopilot._ahead)
         return answer
 
     def replace_plan(self, request, done):
         assert self.allowed, request
         self.changed = True
-        before = self.pilot._ahead.plans
+        previous = self.autopilot._ahead.plans
 
         def finish(answer):
             if answer.verdict is Verdict.ACCEPTED:
                 plan = request.intent.plan
                 assert problem_of(plan) is None
-                assert self.pilot.plans().of(plan.kind) == plan
-                assert plan_from_text(self.keeper.plans[plan.kind]) == (plan, ())
+                assert self.autopilot.plans().of(plan.kind) == plan
+                assert plan_from_text(self.storage.plans[plan.kind]) == (plan, ())
             else:
                 check_line(answer.text)
             done(answer)
 
-        self.pilot.replace_plan(request, finish)
-        assert self.pilot._ahead.plans == before  # in force once it is stored
+        self.autopilot.replace_plan(request, finish)
+        assert self.autopilot._ahead.plans == previous  # in force once it is stored
 
 
 def check_state(state):
@@ -153,7 +153,7 @@ def inputs_at(index, t_s, requests=(), *, heading=True, position=True):
     return Inputs(
         Tick(index, t_s, 0.0, 0, 10.0),
         (HeadingSample(t_s, 1.0, NorthReference.TRUE),) if heading else (),
-        (PositionSample(t_s, FixType.FIX_3D, *PLACE, 2.0, 0.5, 1.0, 11, 0.9, UTC_S + t_s),) if position else (),
+        (PositionSample(t_s, FixType.FIX_3D, *POSITION_RAD, 2.0, 0.5, 1.0, 11, 0.9, UTC_S + t_s),) if position else (),
         (RudderFeedback(t_s, 0.1, 30.0, 12.0, 0.1, 0, True),),
         (),
         requests,
@@ -162,25 +162,25 @@ def inputs_at(index, t_s, requests=(), *, heading=True, position=True):
 
 @functools.cache
 def start_state():
-    """The state after two seconds: there are heading, position and rudder."""
+    """Return the state after two seconds with heading, position and rudder."""
     state = State.at_start(ParameterSet())
     for index in range(20):
         state, _ = step(state, inputs_at(index, 0.1 * index))
     return state
 
 
-# Made of constants, and half of the time that an input takes.
-metadata = functools.cache(context.Metadata)
+# Cached: it is constant and would take half of the time of an input.
+make_metadata = functools.cache(context.Metadata)
 
 
 class Boat:
-    """The link, the autopilot behind it, and what happens to them."""
+    """A boat of one input: link, autopilot, and their actions."""
 
     def __init__(self, setup, root=None):
         self.now_s, self.index = 2.0, 20
-        self.keeper = Keeper()
-        self.pilot = Autopilot(start_state(), self.keeper)
-        self.judge = Judge(self.pilot, self.keeper)
+        self.storage = MemoryStorage()
+        self.autopilot = Autopilot(start_state(), self.storage)
+        self.handler = CheckedAutopilot(self.autopilot, self.storage)
         self.options: LinkOptions = LINK_OPTIONS[(setup & OPTIONS) >> 1]
         self.transport = MemoryTransport(
             addresses=() if not setup & STREAM else tuple(STATIONS),
@@ -191,31 +191,31 @@ class Boat:
         self.vault = MemoryVault()
         if setup & KEY:
             self.vault.save(b"key %s\ntimestamp %d\n" % (SECRET.hex().encode(), NOW_UNITS))
-        elif setup & LOST:
+        elif setup & KEY_LOST:
             self.vault.damage = "damaged"
-        self.storage = NO_STORAGE
+        self.file_root = NO_STORAGE
         if root is not None:
             (root / "logs").mkdir()
             (root / "uploads").mkdir()
             for number in (1, 2, 3):
                 (root / "logs" / f"{number:08d}.BIN").write_bytes(LOG[: 1024 * number])
             (root / "secret").write_bytes(b"secret")
-            (root / "uploads" / "way").symlink_to(root)
+            (root / "uploads" / "link").symlink_to(root)
             logs = root / "logs"
-            self.storage = FileRoot(
+            self.file_root = FileRoot(
                 lambda: {int(path.stem): path for path in logs.glob("*.BIN")}, logs, root / "uploads"
             )
-        with patch.object(context, "Metadata", metadata):
+        with patch.object(context, "Metadata", make_metadata):
             self.endpoint = Endpoint(
-                [self.transport], self.judge, utc_s=lambda: UTC_S + self.now_s, version=Version(), vault=self.vault,
-                offer_utc=lambda utc_s, now_s: check_finite((utc_s, now_s)), storage=self.storage,
+                [self.transport], self.handler, utc_s=lambda: UTC_S + self.now_s, version=Version(), vault=self.vault,
+                offer_utc=lambda utc_s, now_s: check_finite((utc_s, now_s)), storage=self.file_root,
             )  # fmt: skip
         self.signed = 0
         self.sequence = 0
 
     @property
-    def locked(self):
-        """Return whether every command needs a signature, by the rules of access-control.md."""
+    def requires_signature(self):
+        """Return whether every command needs a signature by the rules of access-control.md."""
         if self.endpoint._signing.problem:  # the key was lost
             return not self.options.trusted
         policy = self.options.policy
@@ -224,89 +224,89 @@ class Boat:
         return policy is not Policy.OPEN
 
     def frame(self, number, body, station, *, signed, late):
-        """Return a whole frame, signed with the key of the boat when there was one from the start."""
+        """Return a complete frame, optionally signed with SECRET. `late`: with an early timestamp."""
         kind = mavlink.mavlink_map[number]
         payload = body[: kind.unpacker.size].rstrip(b"\0") or b"\0"
         self.sequence = (self.sequence + 1) % 256
-        head = bytes((len(payload), signed, 0, self.sequence, *STATIONS[station], *number.to_bytes(3, "little")))
-        check = checksum(head + payload, bytes((kind.crc_extra,)))
-        data = b"\xfd" + head + payload + check.to_bytes(2, "little")
+        header = bytes((len(payload), signed, 0, self.sequence, *STATIONS[station], *number.to_bytes(3, "little")))
+        crc = checksum(header + payload, bytes((kind.crc_extra,)))
+        data = b"\xfd" + header + payload + crc.to_bytes(2, "little")
         if not signed:
             return data
         self.signed += 1
         data += b"\1" + (NOW_UNITS + (10 if late else 1000 * self.signed)).to_bytes(6, "little")
         return data + hashlib.sha256(SECRET + data).digest()[:6]
 
-    def hear(self, data, station, *, signed):
-        self.judge.allowed = (signed and self.endpoint._signing.active) or not self.locked
+    def receive(self, data, station, *, signed):
+        self.handler.allowed = (signed and self.endpoint._signing.active) or not self.requires_signature
         if self.options.systems is not None and STATIONS[station][0] not in self.options.systems:
-            self.judge.allowed = False
-        before = self.pilot._ahead
+            self.handler.allowed = False
+        previous = self.autopilot._ahead
         self.transport.inbox.append((station, data))
         self.endpoint.service(self.now_s, [self.transport.descriptor])
-        self.rest()
-        if not self.judge.allowed:
-            assert self.pilot._ahead is before
-        self.judge.allowed = True
+        self.complete_jobs()
+        if not self.handler.allowed:
+            assert self.autopilot._ahead is previous
+        self.handler.allowed = True
 
-    def rest(self):
+    def complete_jobs(self):
         rounds = 0
         while self.endpoint.busy:
             rounds += 1
-            assert rounds < MOST_ROUNDS, "busy without end"
+            assert rounds < MAX_ROUNDS, "endless work"
             self.endpoint.service(self.now_s, [])
 
     def tick(self, seconds, flags=0):
         self.now_s += seconds
         self.index += 1
-        self.keeper.answer(well=not flags & 1)
+        self.storage.answer(is_stored=not flags & 1)
         inputs = inputs_at(
-            self.index, self.now_s, self.pilot.take_requests(), heading=not flags & 2, position=not flags & 4
+            self.index, self.now_s, self.autopilot.take_requests(), heading=not flags & 2, position=not flags & 4
         )
-        output = self.pilot.step(inputs)
+        output = self.autopilot.step(inputs)
         if any(isinstance(request.intent, Restart) for request in inputs.requests):
-            self.pilot.restart = None  # the boat would restart; here it continues
+            self.autopilot.restart = None  # the boat would restart; here it continues
         check_finite(output.command)
         check_finite(output.snapshot)
         assert abs(output.command.shaft_rad) <= math.pi
         for event in output.events:
             check_line(event.text)
-        check_state(self.pilot.state)
+        check_state(self.autopilot.state)
         self.endpoint.publish(output, self.now_s)
-        self.rest()
+        self.complete_jobs()
         self.check_sent()
 
     def check_sent(self):
         for _, data in self.transport.sent:
-            at = 0
-            while at < len(data):
-                assert data[at] == 0xFD
-                at += 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
-            assert at == len(data)
+            position = 0
+            while position < len(data):
+                assert data[position] == 0xFD
+                position += 12 + data[position + 1] + (13 if data[position + 2] & 1 else 0)
+            assert position == len(data)
         self.transport.sent.clear()
         for peer in self.endpoint._peers:
-            assert sum(len(queue) for queue in peer.outbox._queues) < MOST_QUEUED
-        assert len(self.vault.contents) <= 4 * MOST_RECORDS
+            assert sum(len(queue) for queue in peer.outbox._queues) < MAX_QUEUED
+        assert len(self.vault.contents) <= 4 * MAX_RECORDS
 
     def end(self):
-        """Run the boat with the accepted data."""
-        if self.judge.changed:
+        """Run a tick with the accepted data, check the stored state and close the link."""
+        if self.handler.changed:
             self.tick(0.1)
-            self.check_kept()
+            self.check_stored()
         self.endpoint.close()
         self.check_sent()
 
-    def check_kept(self):
-        """What is in force is what a restart would find, and a log would restore."""
-        state = self.pilot.state
+    def check_stored(self):
+        """Check that a restart and a log restore the present state."""
+        state = self.autopilot.state
         text = state_to_text(state)
-        again, notes = state_from_text(text)
+        decoded, notes = state_from_text(text)
         assert notes == ()
-        assert state_to_text(again) == text
-        for kind, stored in self.keeper.plans.items():
+        assert state_to_text(decoded) == text
+        for kind, stored in self.storage.plans.items():
             assert plan_from_text(stored) == (state.plans.of(kind), ())
         start = State.at_start(state.parameters.replaced("BOOT_RESUME", 2), state.plans or Plans())
-        resumed, notes = restore(start, resume_to_bytes(resume_of(state, WRITTEN)), AFTERWARDS)
+        resumed, notes = restore(start, resume_to_bytes(resume_of(state, STORE_TIME)), RESUME_TIME)
         assert notes == ()
         _, output = step(resumed, inputs_at(0, 0.0))
         check_finite(output.command)

@@ -1,4 +1,4 @@
-"""The drivers of sensors and servos on a line that says anything, and the reading of captures."""
+"""Drivers of sensors and servos on a line with any input, and decoding of captures."""
 
 import json
 import math
@@ -12,73 +12,73 @@ from firmware_py.sensors import mti_protocol, pni_protocol
 from firmware_py.sensors.decode import format_text
 from fuzz.target import Target, check_finite, check_line, records
 
-# Bits of a record's kind, above the number of its framing.
-FRAMED, LINE_LOST, SILENCE, LINE_FULL, CALIBRATE = 0x01, 0x02, 0x04, 0x08, 0x10
+# Bits of the kind of a record.
+ADD_FRAMING, LINE_LOST, SILENCE, LINE_FULL, CALIBRATE = 0x01, 0x02, 0x04, 0x08, 0x10
 STEP_S, SILENCE_S = 0.05, 2.0
-MOST_HELD = 16_384  # bytes in the buffers of a driver
-LATEST_UTC_S = 5e9  # 2128: two digits of a year, or a clock of 32 bits, say no later one
+MAX_BUFFERED_BYTES = 16_384  # bytes in the buffers of a driver
+MAX_UTC_S = 5e9  # in 2128; years of two digits and clocks of 32 bits end earlier
 
 
-def nmea(body):
-    check = 0
+def frame_nmea(body):
+    checksum = 0
     for byte in body:
-        check ^= byte
-    return b"$%s*%02X\r\n" % (body, check)
+        checksum ^= byte
+    return b"$%s*%02X\r\n" % (body, checksum)
 
 
-def ubx(body):
-    covered = body[:2].ljust(2, b"\0") + struct.pack("<H", len(body[2:])) + body[2:]
+def frame_ubx(body):
+    summed_bytes = body[:2].ljust(2, b"\0") + struct.pack("<H", len(body[2:])) + body[2:]
     first = second = 0
-    for byte in covered:
+    for byte in summed_bytes:
         first = first + byte & 0xFF
         second = second + first & 0xFF
-    return b"\xb5\x62" + covered + bytes((first, second))
+    return b"\xb5\x62" + summed_bytes + bytes((first, second))
 
 
-def headed(encode, body):
-    """Frame a body whose first byte is the number of the message."""
+def encode_numbered(encode, body):
+    """Frame a body; its first byte is the number of the message."""
     return encode(body[0] if body else 0, body[1:])
 
 
-def dynamixel(body):
+def frame_dynamixel(body):
     return dynamixel_frames.instruction(1, dynamixel_frames.STATUS, body)
 
 
-def volz(body):
+def frame_volz(body):
     code, argument = struct.unpack("<BH", body[:3].ljust(3, b"\0"))
     return volz_frames.request(code, 1, argument)
 
 
-def ais(body):
-    """Frame the last bytes as a message of one sentence, of the letters that payloads have."""
-    return sentences_of(b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body))
+def frame_ais(body):
+    """Frame bytes as an AIS message of one sentence; the payload has only characters of the armouring."""
+    return ais_sentence(b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body))
 
 
-def sentences_of(payload):
-    check = 0
+def ais_sentence(payload):
+    checksum = 0
     text = b"AIVDM,1,1,,A,%s,0" % payload
     for byte in text:
-        check ^= byte
-    return b"!%s*%02X\r\n" % (text, check)
+        checksum ^= byte
+    return b"!%s*%02X\r\n" % (text, checksum)
 
 
 ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
 
 
-def vedirect(body):
+def frame_vedirect(body):
     data = body + b"\r\nChecksum\t"
     return data + bytes([-sum(data) & 0xFF])
 
 
 FRAMINGS = {
-    "nmea": nmea,
-    "pni_tcm": partial(headed, pni_protocol.encode),
-    "mti": partial(headed, mti_protocol.encode),
-    "ubx": ubx,
-    "dynamixel": dynamixel,
-    "volz": volz,
-    "vedirect": vedirect,
-    "ais": ais,
+    "nmea": frame_nmea,
+    "pni_tcm": partial(encode_numbered, pni_protocol.encode),
+    "mti": partial(encode_numbered, mti_protocol.encode),
+    "ubx": frame_ubx,
+    "dynamixel": frame_dynamixel,
+    "volz": frame_volz,
+    "vedirect": frame_vedirect,
+    "ais": frame_ais,
 }
 
 
@@ -104,22 +104,22 @@ class Line:
         return self.connected and not self.full
 
 
-def held_bytes(thing, seen):
-    """Return the bytes in all buffers below a driver."""
-    if id(thing) in seen or isinstance(thing, type):
+def buffered_bytes(value, visited_ids):
+    """Return the number of bytes in all buffers of an object and of its attributes."""
+    if id(value) in visited_ids or isinstance(value, type):
         return 0
-    seen.add(id(thing))
-    if isinstance(thing, bytes | bytearray):
-        return len(thing)
-    if isinstance(thing, dict):
-        return sum(held_bytes(part, seen) for part in thing.values())
-    if isinstance(thing, list | tuple | set) or type(thing).__name__ == "deque":
-        return 16 * len(thing) + sum(held_bytes(part, seen) for part in thing)
-    if not type(thing).__module__.startswith("firmware_py"):
+    visited_ids.add(id(value))
+    if isinstance(value, bytes | bytearray):
+        return len(value)
+    if isinstance(value, dict):
+        return sum(buffered_bytes(item, visited_ids) for item in value.values())
+    if isinstance(value, list | tuple | set) or type(value).__name__ == "deque":
+        return 16 * len(value) + sum(buffered_bytes(item, visited_ids) for item in value)
+    if not type(value).__module__.startswith("firmware_py"):
         return 0
-    slots = (name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ()))
-    named = {name: getattr(thing, name) for name in slots if hasattr(thing, name)}
-    return held_bytes({**named, **getattr(thing, "__dict__", {})}, seen)
+    slots = (name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ()))
+    slot_values = {name: getattr(value, name) for name in slots if hasattr(value, name)}
+    return buffered_bytes({**slot_values, **getattr(value, "__dict__", {})}, visited_ids)
 
 
 RANGES = {
@@ -133,7 +133,7 @@ RANGES = {
     "speed_over_ground_m_s": (0.0, 1e4),
     "hdop": (0.0, 1e3),
     "satellites": (0, 255),
-    "utc_s": (0.0, LATEST_UTC_S),
+    "utc_s": (0.0, MAX_UTC_S),
     "charge": (0.0, 1.0),
     "solar_w": (0.0, 1e5),
     "speed_m_s": (0.0, 53.0),
@@ -152,18 +152,18 @@ def check_sample(sample, now_s):
     assert (getattr(sample, "heading_rad", 0.0) or 0.0) < math.tau
 
 
-def drive(section, name, data):
-    """Give a driver the records one after the other, as chunks of what its line says."""
+def run_driver(section, name, data):
+    """Feed a driver with the records, one per poll, and check samples and health."""
     driver, framing, line = SECTIONS[section][name], FRAMINGS["ais" if section == "ais" else name], Line()
     device = driver.make(line, driver.options())
     calibrator = calibrator_of(name, device) if section == "compass" else None
-    counted, now_s = 0, 0.0
+    message_count, now_s = 0, 0.0
     for kind, body in records(data):
         now_s += SILENCE_S if kind & SILENCE else STEP_S
         was_lost, line.connected, line.full = not line.connected, not kind & LINE_LOST, bool(kind & LINE_FULL)
         line.openings += was_lost and line.connected
         if line.connected:
-            line.inbox += framing(body) if kind & FRAMED else body
+            line.inbox += framing(body) if kind & ADD_FRAMING else body
         if section == "rudder":
             device.command(RudderCommand((len(body) - 32) / 32.0, torque_on=not kind & CALIBRATE), now_s)
         elif kind & CALIBRATE and calibrator is not None:
@@ -173,19 +173,19 @@ def drive(section, name, data):
             check_sample(sample, now_s)
         health = device.health(now_s)
         assert health.state in DeviceState
-        assert health.accepted + health.rejected >= counted
-        counted = health.accepted + health.rejected
+        assert health.accepted + health.rejected >= message_count
+        message_count = health.accepted + health.rejected
         if health.text:
             check_line(health.text)
         if calibrator is not None:
             progress = calibrator.calibration()
             assert 0 <= progress.percent <= 100
             assert not progress.text or progress.text.isprintable()
-    assert held_bytes(device, {id(line)}) <= MOST_HELD
+    assert buffered_bytes(device, {id(line)}) <= MAX_BUFFERED_BYTES
 
 
 def read_capture(data):
-    """Read a capture as `rambler decode` does; the first byte says of what."""
+    """Decode a capture like `rambler decode`; the first byte selects the format."""
     names = sorted(CAPTURE_FORMATS)
     for result in decode(names[data[0] % len(names)], data[1:]) if data else ():
         json.dumps(result, allow_nan=False)
@@ -213,9 +213,9 @@ AIS_WORDS = (
 WORDS = {"nmea": NMEA_WORDS, "vedirect": VEDIRECT_WORDS}
 TARGETS = {
     f"{section}_{name}": Target(
-        partial(drive, section, name), words=AIS_WORDS if section == "ais" else WORDS.get(name, ())
+        partial(run_driver, section, name), words=AIS_WORDS if section == "ais" else WORDS.get(name, ())
     )
     for section, drivers in SECTIONS.items()
-    if not section.endswith("_b")  # of the same drivers
+    if not section.endswith("_b")  # these have the same drivers
     for name in drivers
 } | {"capture": Target(read_capture, words=NMEA_WORDS)}

@@ -1,6 +1,6 @@
-"""Fuzzes one target in a process of its own: atheris finds inputs that reach new code, what they break is kept.
+"""Fuzz one target in a process: atheris finds inputs that reach new code; inputs that cause an error are stored.
 
-Where there is no atheris inputs are changed at random.
+Without atheris, inputs are changed at random.
 """
 
 import hashlib
@@ -16,104 +16,104 @@ from pathlib import Path
 
 try:
     import atheris
-except ImportError:  # there are wheels for x86-64 alone
+except ImportError:  # wheels exist for x86-64 only
     atheris = None
 
 CORPUS = Path(__file__).parent / "corpus"
-HANG_S = 4.0  # of processor time, for one input
-LOOK_EVERY_S = 0.5
-MOST_FINDINGS = 8
+HANG_S = 4.0  # processor time of one input
+SAMPLE_INTERVAL_S = 0.5
+MAX_FINDINGS = 8
 MINIMISE_S = 20.0
-OURS = ("firmware_py", "hil", "tests/fuzz")
-# Rooms that compute and read no bytes: to count their branches costs half the time.
-COMPUTING = [f"firmware_py.{room}" for room in ("estimate", "control", "safety", "model", "faults")]
+OUR_FOLDERS = ("firmware_py", "hil", "tests/fuzz")
+# Packages that read no external bytes; counting their branches would double the time.
+UNINSTRUMENTED = [f"firmware_py.{folder}" for folder in ("estimate", "control", "safety", "model", "faults")]
 
 
 class HangError(BaseException):
-    """An input takes too long; no `except Exception` may swallow this."""
+    """An input takes too long. A BaseException, so that no `except Exception` catches it."""
 
 
 def stop_hang(_number, _frame):
     raise HangError(f"more than {HANG_S:g} s of processor time")
 
 
-def culprit(error):
-    """Return the key of a finding: the type of the error and its place in our code."""
-    places = [
+def finding_key(error):
+    """Return the key of a finding: type of the error and its location in our code."""
+    locations = [
         f"{Path(frame.filename).name}:{frame.name}"
         for frame in traceback.extract_tb(error.__traceback__)
-        if any(f"/{room}/" in frame.filename for room in OURS)
+        if any(f"/{folder}/" in frame.filename for folder in OUR_FOLDERS)
     ]
-    return f"{type(error).__name__} {' '.join(places[-2:])}"
+    return f"{type(error).__name__} {' '.join(locations[-2:])}"
 
 
-def complaint(target, data):
-    """Return the error of a target for an input, or None."""
+def error_of_input(target, data):
+    """Return the error that an input causes, or None."""
     signal.setitimer(signal.ITIMER_VIRTUAL, HANG_S)
     try:
         target.play(data)
-    except (Exception, HangError) as error:  # noqa: BLE001 - that is what is looked for
+    except (Exception, HangError) as error:  # noqa: BLE001 - any error is a finding
         return error
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     return None
 
 
-def minimised(target, data, wanted):
-    """Return an input that is as short as can soon be found and breaks the same."""
+def minimise(target, data, key):
+    """Shorten an input for at most MINIMISE_S while it causes the same finding."""
     end_s = time.monotonic() + MINIMISE_S
     size = len(data) // 2
     while size and time.monotonic() < end_s:
-        at = 0
-        while at < len(data) and time.monotonic() < end_s:
-            shorter = data[:at] + data[at + size :]
-            error = complaint(target, shorter)
-            if error is not None and culprit(error) == wanted:
+        start = 0
+        while start < len(data) and time.monotonic() < end_s:
+            shorter = data[:start] + data[start + size :]
+            error = error_of_input(target, shorter)
+            if error is not None and finding_key(error) == key:
                 data = shorter
             else:
-                at += size
+                start += size
         size //= 2
     return data
 
 
 class Run:
-    """Plays inputs, keeps the findings and watches the memory."""
+    """Runs inputs, stores findings and samples the memory."""
 
-    def __init__(self, target, seconds, room):
-        self.target, self.seconds, self.room = target, seconds, room
-        self.begun_s = self.looked_s = time.monotonic()
+    def __init__(self, target, seconds, directory):
+        self.target, self.seconds, self.directory = target, seconds, directory
+        self.start_s = self.sample_s = time.monotonic()
         self.inputs, self.refused = 0, 0
         self.memory = []  # (time, resident KiB)
-        self.found = {}
+        self.findings = {}
 
-    def take(self, data):
-        """Play one input; a finding does not end the run."""
+    def play(self, data):
+        """Run one input; a finding does not end the run."""
         self.inputs += 1
-        error = complaint(self.target, data)
-        if error is not None and (key := culprit(error)) not in self.found and len(self.found) < MOST_FINDINGS:
-            self._keep(key, error, data)
+        error = error_of_input(self.target, data)
+        if error is not None and (key := finding_key(error)) not in self.findings and len(self.findings) < MAX_FINDINGS:
+            self._store_finding(key, error, data)
         now_s = time.monotonic()
-        if now_s - self.looked_s >= LOOK_EVERY_S:
-            self.looked_s = now_s
-            self.memory.append((now_s - self.begun_s, resident_kib()))
+        if now_s - self.sample_s >= SAMPLE_INTERVAL_S:
+            self.sample_s = now_s
+            self.memory.append((now_s - self.start_s, resident_kib()))
             self.write()
 
-    def _keep(self, key, error, data):
+    def _store_finding(self, key, error, data):
         text = "".join(traceback.format_exception(error, limit=-6))
-        self.found[key] = text
-        short = minimised(self.target, data, key)
-        (self.room / "found" / hashlib.sha256(short).hexdigest()[:16]).write_bytes(short)
+        self.findings[key] = text
+        shortest = minimise(self.target, data, key)
+        (self.directory / "findings" / hashlib.sha256(shortest).hexdigest()[:16]).write_bytes(shortest)
         self.write()
 
     def write(self):
-        """Write how it goes: the process may be ended from outside at any time."""
+        """Write the results so far, since the process may be ended at any time."""
         result = {
             "inputs": self.inputs,
-            "found": self.found,
+            "findings": self.findings,
             "growth_kib": growth_kib(self.memory, self.seconds),
             "peak_kib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         }
-        (self.room / "result.json").write_text(json.dumps(result))
+        (self.directory / "result.json").write_text(json.dumps(result))
 
 
 def resident_kib():
@@ -121,73 +121,74 @@ def resident_kib():
 
 
 def growth_kib(memory, seconds):
-    """Return by how much the last tenth of a run needs more memory than the first, None of too short a run."""
-    first = [kib for t_s, kib in memory if t_s <= 0.1 * seconds]
-    last = [kib for t_s, kib in memory if t_s >= 0.9 * memory[-1][0]] if memory else []
-    return max(last) - max(first) if first and last and len(memory) >= 4 else None
+    """Return the growth of memory from the first to the last tenth of a run; None if the run is too short."""
+    early_kib = [kib for t_s, kib in memory if t_s <= 0.1 * seconds]
+    late_kib = [kib for t_s, kib in memory if t_s >= 0.9 * memory[-1][0]] if memory else []
+    return max(late_kib) - max(early_kib) if early_kib and late_kib and len(memory) >= 4 else None
 
 
-def changed(data, chances, words):
-    """Return an input with a few places changed."""
+def mutate(data, rng, words):
+    """Return an input with a few random changes."""
     data = bytearray(data)
-    for _ in range(chances.randrange(1, 6)):
-        at, size = chances.randrange(len(data) + 1), chances.randrange(1, 9)
-        piece = chances.choice(words) if words and chances.random() < 0.3 else chances.randbytes(size)
-        data[at : at + chances.choice((0, size))] = chances.choice((b"", piece))
+    for _ in range(rng.randrange(1, 6)):
+        start, size = rng.randrange(len(data) + 1), rng.randrange(1, 9)
+        piece = rng.choice(words) if words and rng.random() < 0.3 else rng.randbytes(size)
+        data[start : start + rng.choice((0, size))] = rng.choice((b"", piece))
         if data:
-            data[chances.randrange(len(data))] ^= 1 << chances.randrange(8)
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
     return bytes(data)
 
 
-def at_random(run, seeds, seed):
-    """Change seeds at random, as long as there is time: what is done without atheris."""
-    chances = random.Random(seed)
+def fuzz_randomly(run, seeds, seed):
+    """Run the seeds, then random changes of them until the time is over."""
+    rng = random.Random(seed)
     for data in seeds:
-        run.take(data)
-    while time.monotonic() < run.begun_s + run.seconds:
-        run.take(changed(chances.choice(seeds or [b""]), chances, run.target.words)[: run.target.largest])
+        run.play(data)
+    while time.monotonic() < run.start_s + run.seconds:
+        run.play(mutate(rng.choice(seeds or [b""]), rng, run.target.words)[: run.target.max_bytes])
 
 
-def escaped(word):
+def escape(word):
+    """Return a word as hexadecimal escapes for a dictionary of atheris."""
     return "".join(f"\\x{byte:02x}" for byte in word)
 
 
-def guided(run, corpus, kept, seed):
+def fuzz_guided(run, corpus, new_inputs, seed):
     """Let atheris change inputs, guided by the code that they reach; does not return."""
-    words = run.room / "words"
-    words.write_text("".join(f'"{escaped(word)}"\n' for word in run.target.words or (b"\0",)))
+    words = run.directory / "words"
+    words.write_text("".join(f'"{escape(word)}"\n' for word in run.target.words or (b"\0",)))
     options = [
-        f"-seed={seed}", f"-max_len={run.target.largest}", f"-dict={words}", f"-artifact_prefix={run.room}/found/",
-        "-timeout=100", "-rss_limit_mb=2048", "-detect_leaks=0",
+        f"-seed={seed}", f"-max_len={run.target.max_bytes}", f"-dict={words}",
+        f"-artifact_prefix={run.directory}/findings/", "-timeout=100", "-rss_limit_mb=2048", "-detect_leaks=0",
     ]  # fmt: skip
     if run.seconds:
-        options += [f"-max_total_time={run.seconds}", str(kept), str(corpus)]
+        options += [f"-max_total_time={run.seconds}", str(new_inputs), str(corpus)]
     else:
-        options += ["-merge=1", str(corpus), str(kept)]
-    atheris.Setup(["fuzz", *options], run.take)
+        options += ["-merge=1", str(corpus), str(new_inputs)]
+    atheris.Setup(["fuzz", *options], run.play)
     atheris.Fuzz()
 
 
-def instrumented_targets():
-    """Import the targets so that atheris sees which branches they take."""
+def import_targets():
+    """Import the targets, instrumented by atheris for their branches."""
     if atheris is None:
         return import_module("fuzz.table").TARGETS
-    with atheris.instrument_imports(include=["firmware_py", "hil", "tomllib"], exclude=COMPUTING):
+    with atheris.instrument_imports(include=["firmware_py", "hil", "tomllib"], exclude=UNINSTRUMENTED):
         return import_module("fuzz.table").TARGETS
 
 
-def run_target(target, corpus, seconds, seed, room, kept):
-    """Fuzz a target, in a process that ends with this. `kept` takes what reaches new code.
+def run_target(target, corpus, seconds, seed, directory, new_inputs):
+    """Fuzz a target in a process that ends afterwards.
 
-    `room`/found takes what breaks something, `room`/result.json how it went. After 0 seconds what of `kept` adds
-    code is taken into the corpus.
+    `new_inputs` receives inputs that reach new code, `directory`/findings inputs with an error, `directory`/result.json
+    the results. With 0 seconds, merge the inputs of `new_inputs` that reach new code into the corpus.
     """
-    for directory in (room / "found", room / "tmp", kept, corpus):
-        directory.mkdir(parents=True, exist_ok=True)
-    tempfile.tempdir = str(room / "tmp")
+    for subdirectory in (directory / "findings", directory / "tmp", new_inputs, corpus):
+        subdirectory.mkdir(parents=True, exist_ok=True)
+    tempfile.tempdir = str(directory / "tmp")
     signal.signal(signal.SIGVTALRM, stop_hang)
-    run = Run(target, seconds, room)
+    run = Run(target, seconds, directory)
     if atheris is not None:
-        guided(run, corpus, kept, seed)
-    at_random(run, [path.read_bytes() for path in sorted(corpus.glob("*"))], seed)
+        fuzz_guided(run, corpus, new_inputs, seed)
+    fuzz_randomly(run, [path.read_bytes() for path in sorted(corpus.glob("*"))], seed)
     run.write()

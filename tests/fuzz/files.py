@@ -1,4 +1,4 @@
-"""What is read from files: plans, parameters, vehicles, and what a state directory holds."""
+"""Readers of files: plans, parameters, vehicle files and the files of a state directory."""
 
 import contextlib
 import functools
@@ -44,15 +44,15 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, unpack
 from firmware_py.system.store import finish_import
 from firmware_py.vehicle import VehicleError, load
-from fuzz.boat import AFTERWARDS, UTC_S, inputs_at
-from fuzz.target import Target, bits, check_finite, check_line, records
+from fuzz.boat import RESUME_TIME, UTC_S, inputs_at
+from fuzz.target import Target, check_finite, check_line, float_bits, records
 from support.plans import item, mission
 
 FIRST_TICKS = 4
 
 
-def as_file(read):
-    """Make a reader of a path one of bytes."""
+def reads_file(read):
+    """Turn a function of a path into a function of the bytes of the file."""
 
     @functools.wraps(read)
     def run(data):
@@ -68,27 +68,27 @@ def as_file(read):
 
 
 def check_plan(plan):
-    """A plan that was taken is kept, and written into files, as it is."""
+    """Check that an accepted plan is stored and listed without a change."""
     assert problem_of(plan) is None
     assert plan_from_text(plan_to_text(plan)) == (plan, ())
     json.dumps([item_fields(item) for item in plan.items], allow_nan=False)
 
 
 def plan_file(data):
-    """Read a plan file of any kind; the first byte says whether item 0 is home."""
+    """Read a plan file of any kind; the first byte selects whether item 0 is home."""
     plans = {plan.kind: plan for plan in read_plan_file(data[1:], "file", home=not (data[:1] or b"\0")[0] & 1)}
     for plan in plans.values():
         check_plan(plan)
-    kept = SimpleNamespace(**{kind.name.lower(): plans.get(kind) for kind in PlanKind}, of=plans.get)
+    plans_by_kind = SimpleNamespace(**{kind.name.lower(): plans.get(kind) for kind in PlanKind}, of=plans.get)
     if set(plans) == set(PlanKind):
-        again = {plan.kind: plan for plan in read_plan_file(write_plan(kept).encode(), "again")}
-        assert again == plans
+        decoded = {plan.kind: plan for plan in read_plan_file(write_plan(plans_by_kind).encode(), "again")}
+        assert decoded == plans
     for plan in plans.values():
         assert not plan.items or read_plan_file(write_text(plan).encode(), "again") == (plan,)
 
 
 def stored_plans(data):
-    """Read the plans of a state directory; a bad one is ignored and reported."""
+    """Read the plans of a state directory; an invalid one is ignored and reported."""
     messages = []
     store = SimpleNamespace(load=dict.fromkeys(PLAN_FILES.values(), data).get)
     plans = load_plans(store, messages.append)
@@ -104,11 +104,11 @@ def stored_plans(data):
 
 def check_values(values):
     for name, value in values.items():
-        assert bits(TABLE[INDEX[name]].check(value)) == bits(value)
+        assert float_bits(TABLE[INDEX[name]].check(value)) == float_bits(value)
 
 
 def parameter_file(data):
-    """Read a parameter file as `rambler params` does; what it writes is read as the same."""
+    """Read a parameter file like `rambler params`, and check that the written file has the same values."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
@@ -119,18 +119,18 @@ def parameter_file(data):
 
 
 def stored_parameters(data):
-    """Read the parameters of a state directory; a bad line is ignored and reported."""
+    """Read the parameters of a state directory; an invalid line is ignored and reported."""
     messages = []
     store = SimpleNamespace(load={PARAMETER_FILE: data}.get)
     usable, unusable = load_parameters(store, messages.append)
     for line in messages:
         check_line(line)
     check_values(usable)
-    again = SimpleNamespace(load={PARAMETER_FILE: format_file(unusable | usable).encode()}.get)
-    assert load_parameters(again, messages.append) == (usable, unusable)
+    decoded = SimpleNamespace(load={PARAMETER_FILE: format_file(unusable | usable).encode()}.get)
+    assert load_parameters(decoded, messages.append) == (usable, unusable)
 
 
-@as_file
+@reads_file
 def vehicle_file(path):
     vehicle = load(path)
     check_values(vehicle.parameters)
@@ -150,7 +150,7 @@ def link_url(data):
 
 
 def check_ticks(state):
-    """A boat that begins with this state runs, and its rudder command is a number."""
+    """Check that a boat with this state runs with finite rudder commands, and that the state is encoded exactly."""
     for index in range(FIRST_TICKS):
         state, output = step(state, inputs_at(index, 0.1 * index))
         check_finite(output.command)
@@ -158,21 +158,21 @@ def check_ticks(state):
         check_finite(output.snapshot)
         for event in output.events:
             check_line(event.text)
-    again, notes = state_from_text(state_to_text(state))
+    decoded, notes = state_from_text(state_to_text(state))
     assert notes == ()
-    assert state_to_text(again) == state_to_text(state)
+    assert state_to_text(decoded) == state_to_text(state)
 
 
 @functools.cache
-def waking_state():
+def resuming_state():
     values = ParameterSet().replaced("BOOT_RESUME", 2).replaced("BOOT_RESUME_H", 100)
     return State.at_start(values, mission(item(16, 500.0, 0.0), item(19, 500.0, 500.0, 60.0), item(20)))
 
 
 def resume_file(data):
-    """Wake with a resume record that holds anything."""
+    """Resume from a record with any content."""
     messages = []
-    state = resume(waking_state(), data, AFTERWARDS, messages.append)
+    state = resume(resuming_state(), data, RESUME_TIME, messages.append)
     for line in messages:
         check_line(line)
     check_line(state.greeting)
@@ -180,49 +180,49 @@ def resume_file(data):
 
 
 def checkpoint(data):
-    """Read the state of a log, of any version, and write it again."""
+    """Decode the checkpoint of a log of any version, and encode it again."""
     state, notes = state_from_text(data.decode("utf-8", "surrogateescape"))
     for note in notes:
         check_line(note)
     text = state_to_text(state)
-    again, notes = state_from_text(text)
+    decoded, notes = state_from_text(text)
     assert notes == ()
-    assert state_to_text(again) == text
+    assert state_to_text(decoded) == text
 
 
 def signing_key(data):
-    """Take up a stored key; what cannot be read is a lost one, and a new key can be set in any case."""
+    """Restore a stored key. An unreadable one is lost; a new key can be set in any case."""
     saved = []
 
     def save(content, *, both_slots=False):
         saved.append(content)
 
-    def restored(content):
+    def restore(content):
         signing = Signing(lambda: UTC_S, save)
         state = signing.restore(Stored(content))
         assert signing.active == (state is KeyState.PRESENT)
         assert bool(signing.problem) == (state is KeyState.LOST)
         return signing
 
-    signing = restored(data)
+    signing = restore(data)
     assert signing.active or signing.problem or not data
     if signing.active:
         signing.store_exactly()
-        again = restored(saved[-1])
-        again.store_exactly()
+        decoded = restore(saved[-1])
+        decoded.store_exactly()
         assert saved[-1] == saved[-2]
         assert signing.set_key(signing._key, 0)
-        assert restored(saved[-1]).active  # now ahead of what was used
+        assert restore(saved[-1]).active  # with timestamps after the used ones
     assert signing.set_key(b"k" * 32, 0)
     assert signing.problem == ""
-    assert restored(saved[-1]).active
+    assert restore(saved[-1]).active
 
 
 def state_import(data):
-    """Import what anybody may have made, and start with the same as an import that was cut off.
+    """Import any file, and start with the same file as an interrupted import.
 
-    The first byte says whether the rest is given the head of an export. What cannot be used is set aside, and the
-    state of before counts.
+    The first byte selects whether the rest gets the header of an export. An unusable import is set aside, and the
+    previous state remains.
     """
     body = data[1:]
     if data[:1] != b"\0":
@@ -255,26 +255,26 @@ def state_import(data):
         check_line(line)
 
 
-SEALED, ABSENT, LONG = 0x01, 0x02, 0x04
+VALID, ABSENT, PADDED = 0x01, 0x02, 0x04
 
 
 def slots(data):
-    """Find what two slots hold, then write: what is written last is what is found."""
+    """Read two slots with any content, then write: a reader finds the last content."""
     with tempfile.TemporaryDirectory() as name:
-        directory, whole = Path(name), {}
+        directory, valid_slots = Path(name), {}
         for slot, (kind, body) in zip((0, 1), records(data), strict=False):
             if kind & ABSENT:
                 continue
-            content = sealed(kind >> 4, body) if kind & SEALED else body
-            (directory / f"name.{slot}").write_bytes(content + (b"\0" * 4096 if kind & LONG else b""))
-            whole[slot] = (kind >> 4, body) if kind & SEALED else None
-        found = examine(directory, "name")
-        if None not in whole.values():
-            newest = max((number for number, _ in whole.values()), default=None)
-            expected = [content for number, content in whole.values() if number == newest] or [None]
-            assert found.content in expected
-        if found.damage:
-            check_line(found.damage)
+            content = encode_slot(kind >> 4, body) if kind & VALID else body
+            (directory / f"name.{slot}").write_bytes(content + (b"\0" * 4096 if kind & PADDED else b""))
+            valid_slots[slot] = (kind >> 4, body) if kind & VALID else None
+        result = examine(directory, "name")
+        if None not in valid_slots.values():
+            newest = max((number for number, _ in valid_slots.values()), default=None)
+            expected = [content for number, content in valid_slots.values() if number == newest] or [None]
+            assert result.content in expected
+        if result.damage:
+            check_line(result.damage)
         writer = SlotWriter(directory, frozenset())
         for content in (b"first", b"second", data):
             writer.write("name", content)
@@ -282,11 +282,11 @@ def slots(data):
         writer.close()
 
 
-def sealed(number, content):
-    """Return a whole slot, by its documented layout."""
+def encode_slot(number, content):
+    """Encode a valid slot by the documented layout."""
     sequence = b"%d" % number
-    check = zlib.crc32(content, zlib.crc32(sequence))
-    return b"# rambler state %s %d %08x\n" % (sequence, len(content), check) + content
+    crc = zlib.crc32(content, zlib.crc32(sequence))
+    return b"# rambler state %s %d %08x\n" % (sequence, len(content), crc) + content
 
 
 MSGPACK_WORDS = (

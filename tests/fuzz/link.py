@@ -1,7 +1,7 @@
-"""Every service of the link: any frames, two stations, ticks.
+"""Every service of the link, with any frames of two stations, and ticks.
 
-The first byte of an input sets the link up (`boat.Boat`); each record behind it is a frame of one message, or bytes,
-or something that happens on board.
+The first byte of an input configures the link (`boat.Boat`). Each record after it is a frame of a message, raw bytes,
+or a tick of the autopilot.
 """
 
 import tempfile
@@ -11,13 +11,13 @@ from pathlib import Path
 from fuzz.boat import LOG, PARAMETERS, SECRET, Boat
 from fuzz.target import Target, records
 
-# Bits of a record's kind; the rest is the number of what it is, in the order of the target's messages.
-WHAT, OTHER_STATION, SIGNED, LATE = 0x1F, 0x20, 0x40, 0x80
-AFTER_MESSAGES = ("bytes", "tick", "later")
+# Bits of the kind of a record; the others are the index of a message of the target or of another action.
+ACTION_MASK, OTHER_STATION, SIGNED, LATE = 0x1F, 0x20, 0x40, 0x80
+OTHER_ACTIONS = ("bytes", "tick", "later")
 
 
-def outside(root):
-    """All files but the uploads and the logs, which may be erased."""
+def unwritable_files(root):
+    """Return all files except uploads and logs, which stations may change."""
     return {
         path.relative_to(root): path.read_bytes() if path.is_file() else None
         for path in root.rglob("*")
@@ -27,45 +27,45 @@ def outside(root):
 
 def play(numbers, boat, data):
     for kind, body in records(data):
-        what = (kind & WHAT) % (len(numbers) + len(AFTER_MESSAGES))
+        action = (kind & ACTION_MASK) % (len(numbers) + len(OTHER_ACTIONS))
         station = "two" if kind & OTHER_STATION else "one"
-        if what < len(numbers):
+        if action < len(numbers):
             signed = bool(kind & SIGNED)
-            frame = boat.frame(numbers[what], body, station, signed=signed, late=bool(kind & LATE))
-            boat.hear(frame, station, signed=signed)
-        elif what == len(numbers):
-            boat.hear(body, station, signed=False)
-        elif what == len(numbers) + 1:
+            frame = boat.frame(numbers[action], body, station, signed=signed, late=bool(kind & LATE))
+            boat.receive(frame, station, signed=signed)
+        elif action == len(numbers):
+            boat.receive(body, station, signed=False)
+        elif action == len(numbers) + 1:
             boat.tick(0.1, body[0] if body else 0)
         else:
             boat.tick(float(body[0]) if body else 1.0)
     boat.end()
 
 
-def run(numbers, data, *, files=False):
-    setup, rest = (data[0], data[1:]) if data else (0, b"")
-    if not files:
-        play(numbers, Boat(setup), rest)
+def run(numbers, data, *, with_files=False):
+    setup, records_data = (data[0], data[1:]) if data else (0, b"")
+    if not with_files:
+        play(numbers, Boat(setup), records_data)
         return
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         boat = Boat(setup, root)
-        before = outside(root)
-        play(numbers, boat, rest)
-        assert outside(root) == before
+        previous = unwritable_files(root)
+        play(numbers, boat, records_data)
+        assert unwritable_files(root) == previous
         assert all(LOG.startswith(path.read_bytes()) for path in (root / "logs").iterdir())
 
 
 def run_bytes(data):
-    """Give the link bytes, in pieces of any size, and no more."""
+    """Send raw bytes to the link in pieces of any size."""
     boat = Boat(data[0] if data else 0)
     for _, body in records(data[1:]):
-        boat.hear(body, "one", signed=False)
+        boat.receive(body, "one", signed=False)
         assert all(len(peer.splitter._held) <= 280 for peer in boat.endpoint._peers)
     boat.end()
 
 
-# What each service hears; at the end of a row new ones may be added, the corpus counts them from the front.
+# Message numbers of each service. Add new ones at the end of a row: the corpus contains their positions.
 MESSAGES = {
     "commands": (76, 75, 80, 11, 66),
     "parameters": (20, 21, 23, 320, 321, 323),
@@ -82,15 +82,15 @@ MESSAGES = {
 NAMES = tuple(row.name.encode() for row in PARAMETERS)
 PATHS = (
     b"@PARAM/param.pck", b"@MISSION/mission.dat", b"@MISSION/fence.dat", b"@MISSION/rally.dat", b"logs/00000001.BIN",
-    b"uploads/a", b"uploads/way/secret", b"/uploads/..", b"?start=1&count=9", b"&withdefaults=1", b"parameters.param",
+    b"uploads/a", b"uploads/link/secret", b"/uploads/..", b"?start=1&count=9", b"&withdefaults=1", b"parameters.param",
 )  # fmt: skip
 WORDS = {"parameters": NAMES, "files": PATHS, "signing": (SECRET,)}
 TARGETS = {
-    f"link_{name}": Target(partial(run, numbers, files=name in ("files", "logs")), words=WORDS.get(name, ()))
+    f"link_{name}": Target(partial(run, numbers, with_files=name in ("files", "logs")), words=WORDS.get(name, ()))
     for name, numbers in MESSAGES.items()
 } | {"link_bytes": Target(run_bytes)}
 
 
-def handled_messages():
-    """The numbers of all messages that the link hears."""
+def handled_numbers():
+    """Return the numbers of all messages that the link handles."""
     return set(Boat(0).endpoint.handlers)

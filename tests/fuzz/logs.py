@@ -1,4 +1,4 @@
-"""What is read from recordings: onboard logs, their replay, and what identification takes."""
+"""Readers of recordings: onboard logs, replay, and input of the identification."""
 
 import functools
 import itertools
@@ -15,7 +15,7 @@ from firmware_py.log import schema
 from firmware_py.log.dataflash import FMT_TYPE, HEAD_BYTES, MARK, LogError, Parser, header
 from firmware_py.log.reader import LogReader
 from firmware_py.log.replay import replay_log
-from fuzz.files import as_file, waking_state
+from fuzz.files import reads_file, resuming_state
 from fuzz.target import Target, check_line, records
 from hil.errors import UsageError
 from hil.lab.identify import manoeuvre_file, onboard_log
@@ -33,32 +33,32 @@ def check_reading(reader):
 
 
 def log_file(data):
-    """Read any bytes as a log, without the checksum of its ticks and with it mended."""
+    """Read any bytes as a log, then again with corrected checksums of the ticks."""
     parser = Parser(data)
-    found = sum(one.length for one, _ in parser)
-    assert found + parser.garbage_bytes + parser.tail_bytes == len(data)
+    parsed_bytes = sum(record_format.length for record_format, _ in parser)
+    assert parsed_bytes + parser.garbage_bytes + parser.tail_bytes == len(data)
     check_reading(LogReader(data))
-    mended = bytearray(data)
-    begin = None
-    for one, at in Parser(data):
-        if one.name == schema.TICK.type.name:
-            begin = at
-        elif one.name == schema.END.name and begin is not None and one.number != FMT_TYPE:
-            end = at + one.length - schema.CRC_BYTES
-            mended[end : end + schema.CRC_BYTES] = struct.pack("<I", zlib.crc32(data[begin:end]))
-    check_reading(LogReader(bytes(mended)))
+    corrected = bytearray(data)
+    tick_start = None
+    for record_format, offset in Parser(data):
+        if record_format.name == schema.TICK.type.name:
+            tick_start = offset
+        elif record_format.name == schema.END.name and tick_start is not None and record_format.number != FMT_TYPE:
+            end = offset + record_format.length - schema.CRC_BYTES
+            corrected[end : end + schema.CRC_BYTES] = struct.pack("<I", zlib.crc32(data[tick_start:end]))
+    check_reading(LogReader(bytes(corrected)))
 
 
 @functools.cache
-def log_head():
-    """A log of this version up to its first tick, with the state before it."""
+def log_start():
+    """Return the header of a log of this version, and a checkpoint."""
     tick = SimpleNamespace(index=0, t_s=0.0)
-    return header(schema.TYPES, 0), schema.CHECKPOINT.pack_text(0.0, tick, state_to_text(waking_state()))
+    return header(schema.TYPES, 0), schema.CHECKPOINT.pack_text(0.0, tick, state_to_text(resuming_state()))
 
 
-def log_of(data):
-    """Return the log whose messages these records are; kind 0xFF ends a tick and begins the next."""
-    head, state = log_head()
+def make_log(data):
+    """Return a log with these records as messages; kind 0xFF starts the next tick."""
+    header_bytes, state = log_start()
     ticks, gaps = [[]], [0]
     for kind, body in records(data):
         if kind == END_OF_TICK:
@@ -68,16 +68,16 @@ def log_of(data):
             row = schema.TYPES[kind % len(schema.TYPES)]
             values = body[: row.size - HEAD_BYTES].ljust(row.size - HEAD_BYTES, b"\0")
             ticks[-1].append(MARK + bytes((row.number,)) + values)
-    ticks[0][1:1] = [state]  # behind TICK
+    ticks[0][1:1] = [state]  # after TICK
     numbers = itertools.accumulate(1 + gap for gap in gaps)
-    return head + b"".join(
+    return header_bytes + b"".join(
         schema.end_bytes(b"".join(messages), 0.0, number) for messages, number in zip(ticks, numbers, strict=True)
     )
 
 
 def replay(data):
-    """Recompute a log of this version that holds any numbers."""
-    report = replay_log(log_of(data), state_from_text, step)
+    """Recompute a log of this version with any values."""
+    report = replay_log(make_log(data), state_from_text, step)
     json.dumps(report.as_dict(), allow_nan=False)
     for note in report.reading.notes:
         assert note.isprintable(), repr(note)
@@ -89,20 +89,15 @@ def replay(data):
 
 def check_recording(recording):
     size = recording.time_s.size
-    for column in (
-        recording.time_s,
-        recording.rudder_rad,
-        recording.heading_rad,
-        recording.yaw_rate_rad_s,
-        recording.speed_m_s,
-    ):
+    for name in ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s", "speed_m_s"):
+        column = getattr(recording, name)
         assert column is None or (column.shape == (size,) and np.isfinite(column).all())
     assert (np.diff(recording.time_s) > 0.0).all()
     for note in recording.notes:
         check_line(note)
 
 
-@as_file
+@reads_file
 def manoeuvre_table(path):
     for unit in manoeuvre_file.RUDDER_UNITS[1:]:
         try:
@@ -113,22 +108,17 @@ def manoeuvre_table(path):
 
 
 def identified_log(data):
-    """Read a log as identification does."""
+    """Read a log like the identification."""
 
-    @as_file
+    @reads_file
     def read(path):
         check_recording(onboard_log.read(path))
 
-    read(log_of(data))
+    read(make_log(data))
 
 
 COLUMNS = (
-    b"time_s,",
-    b"rudder_rad,",
-    b"heading_rad,",
-    b"yaw_rate_rad_s,",
-    b"speed_m_s,",
-    b"heading_deg;",
+    *b"time_s, rudder_rad, heading_rad, yaw_rate_rad_s, speed_m_s, heading_deg;".split(),
     b"2026-01-01T00:00:00Z",
 )
 TARGETS = {

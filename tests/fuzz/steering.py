@@ -1,4 +1,4 @@
-"""The step function under lawful parameters at the corners of their ranges, with every kind of compass."""
+"""The step function with valid parameters at any place of their ranges, and with every kind of compass."""
 
 from firmware_py.common.mode_table import Mode
 from fuzz.target import Target, records
@@ -9,10 +9,10 @@ MODES = tuple(mode.value for mode in Mode)
 
 
 def parameter_corners(data):
-    """Steer with the parameters of the records: kind and first byte say which, the second where in its range.
+    """Run with the parameters of the records.
 
-    The first two bytes of the input say by which compass, and in which mode. A kind of 0x80 or more: the parameter is
-    set under way.
+    The first two bytes of the input select compass and mode. The first byte of a record selects the parameter, the
+    second its value within the range. A kind of 0x80 or more sets the parameter during the run.
     """
     values, later = {}, {}
     for kind, body in records(data[2:]):
@@ -24,4 +24,4 @@ def parameter_corners(data):
     Sail(values, names[compass % len(names)], later, MODES[mode % len(MODES)]).run(SECONDS)
 
 
-TARGETS = {"parameter_corners": Target(parameter_corners, largest=128)}
+TARGETS = {"parameter_corners": Target(parameter_corners, max_bytes=128)}

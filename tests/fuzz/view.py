@@ -1,4 +1,4 @@
-"""What the page under way takes from outside: requests of browsers, and lines of a harness."""
+"""External input of the live page: requests of browsers, lines of a harness, status files."""
 
 import contextlib
 import ipaddress
@@ -17,13 +17,13 @@ from firmware_py.view.history import History
 from fuzz.target import Target, check_line
 
 TOKEN = "0123456789abcdef"
-HERE, OPEN = Guard("", loopback=True), Guard(TOKEN, loopback=False)
+LOOPBACK_GUARD, TOKEN_GUARD = Guard("", loopback=True), Guard(TOKEN, loopback=False)
 NOW_S = 1000.0
 STATUSES = {200, 303, 403, 405, 414, 421}
 
 
-def is_here(host):
-    """Whether a host is this computer itself, whatever its port, checked independently of the guard."""
+def is_loopback(host):
+    """Return whether a host, with or without port, is this computer; independent of the guard."""
     name = host.rsplit(":", 1)[0] if host.rsplit(":", 1)[-1].isdigit() else host
     if name.strip("[]").lower() == "localhost":
         return True
@@ -33,84 +33,86 @@ def is_here(host):
         return False
 
 
-def request(data):
-    """Judge a request: its method, its target and its headers, a line each."""
+def judge_request(data):
+    """Judge a request; the lines are method with target, and headers."""
     method, _, rest = data.decode("latin-1").partition(" ")
     target, *lines = rest.split("\n")
-    headers = {one.partition(":")[0].strip(): one.partition(":")[2].strip() for one in lines}
-    for guard in (HERE, OPEN):
+    headers = {text_line.partition(":")[0].strip(): text_line.partition(":")[2].strip() for text_line in lines}
+    for guard in (LOOPBACK_GUARD, TOKEN_GUARD):
         verdict = guard.judge(method, target, headers)
         assert verdict.status in STATUSES
         if verdict.status in (200, 303):
             assert method in ("GET", "HEAD")
             assert headers.get("Origin", f"http://{headers['Host']}") == f"http://{headers['Host']}"
         if verdict.status == 200:
-            assert is_here(headers["Host"]) if guard is HERE else TOKEN in headers["Cookie"]
+            assert is_loopback(headers["Host"]) if guard is LOOPBACK_GUARD else TOKEN in headers["Cookie"]
         assert (verdict.status == 303) == verdict.remember
 
 
-def line(data):
-    """Take a line of a harness; its readers get JSON for any line."""
+def take_line(data):
+    """Feed lines of a harness; readers receive valid JSON for any line."""
     history = History()
     feed = Feed(history, lambda: FoundStatus(Freshness.ABSENT), dict)
-    for one in data.split(b"\n"):
-        feed.take_line(one)
+    for text_line in data.split(b"\n"):
+        feed.take_line(text_line)
     message = feed.poll()
     json.loads(history.whole())
     assert message is None or json.loads(message)["marks"] == []
 
 
-def status(data):
-    """Take a status that anybody may have put where the autopilot's is looked for."""
+def poll_status(data):
+    """Poll a status with any content, since other users may write one."""
     try:
         content = json.loads(data)
         content |= {"written_machine_s": float(content.get("written_machine_s", 0.0)), "pid": 1, "state_directory": ""}
     except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
-        return  # it is no status (system.status_file)
+        return  # rejected by system.status_file
     history = History()
     feed = Feed(history, lambda: FoundStatus(Freshness.RUNNING, content, 0.1), dict)
     message = feed.poll()
-    json.loads(history.whole(), parse_constant=refuse)
-    json.loads(message, parse_constant=refuse)
+    json.loads(history.whole(), parse_constant=reject_constant)
+    json.loads(message, parse_constant=reject_constant)
 
 
 def status_file(data):
-    """Read a status file as every reader does: `rambler status` in both forms, the page, and an update."""
+    """Read a status file like all its readers: `rambler status`, its JSON output, the page and an update."""
     with tempfile.TemporaryDirectory() as name:
         state = Path(name) / "state"
         state.mkdir()
         (Path(name) / file_name(state)).write_bytes(data)
-        found = find(state, NOW_S, (Path(name),))
-        assert found.content or found.reason
-        check_line(found.reason or "none")
-        message = command._complete_status(found, state)
+        status_found = find(state, NOW_S, (Path(name),))
+        assert status_found.content or status_found.reason
+        check_line(status_found.reason or "none")
+        message = command._complete_status(status_found, state)
         json.dumps(message, allow_nan=False)
         with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):  # as the command does
-            for one in command._status_lines(message):
-                assert one.isprintable()
-        with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: found):
+            for text_line in command._status_lines(message):
+                assert text_line.isprintable()
+        with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: status_found):
             update._check_unarmed(state, update.Permissions())
         history = History()
-        new = Feed(history, lambda: found, dict).poll()
-        json.loads(history.whole(), parse_constant=refuse)
-        json.loads(new, parse_constant=refuse)
+        new = Feed(history, lambda: status_found, dict).poll()
+        json.loads(history.whole(), parse_constant=reject_constant)
+        json.loads(new, parse_constant=reject_constant)
 
 
-def refuse(constant):
-    """No reader of JSON but Python's knows these."""
+def reject_constant(constant):
+    """Raise for NaN and infinities, which are not valid JSON."""
     raise AssertionError(constant)
 
 
 TARGETS = {
     "view_request": Target(
-        request,
+        judge_request,
         words=(
             b"GET /", b"HEAD /events", b"?token=", TOKEN.encode(), b"\nHost: localhost:8046", b"\nHost: 127.0.0.1",
             b"\nHost: [::1]:1", b"\nOrigin: http://", b"\nSec-Fetch-Site: cross-site", b"\nSec-Fetch-Mode: navigate",
             f"\nCookie: {COOKIE}={TOKEN}".encode(),
         ),
     ),
-    "view_line": Target(line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")),
+    "view_line": Target(
+        take_line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")
+    ),
     "status_file": Target(
         status_file,
         words=(
@@ -121,7 +123,7 @@ TARGETS = {
         ),
     ),
     "view_status": Target(
-        status,
+        poll_status,
         words=(
             b'"uptime_s":1', b'"utc_s":2e9', b'"events":[{"t_s":1,"severity":4,"text":"x"}]', b'"faults":[]',
             b'"home":{', b'"position":{"lat_deg":36,"lon_deg":121}', b"Infinity", b"1e999",

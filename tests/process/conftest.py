@@ -1,12 +1,12 @@
 """Boats with the real autopilot, closed after each test."""
 
 import contextlib
-import threading
 
 import pytest
 
 from support.boat import Boat
 from support.plans import mission_file
+from support.processes import running_devices
 from support.service_boat import ITEMS, SETTINGS, ServiceBoat
 
 
@@ -30,25 +30,13 @@ def fault_bench(make_boat):
 
 @pytest.fixture
 def make_service(make_boat):
-    """Return a context manager of a service; its boat runs in a thread."""
-    is_over, threads = threading.Event(), []
+    """Return a context manager of a service; the devices of its boat run in a thread."""
 
     @contextlib.contextmanager
     def make(**options):
         boat = make_boat(speed=None, settings=SETTINGS, without=("link",), plans=[mission_file(*ITEMS)])
-        boat.time.begin(boat.board, None)
-
-        def run_boat():
-            while not is_over.is_set():
-                boat.time.step(boat.board, boat.now_s + 0.05)
-
         service = ServiceBoat(boat, **options)
-        threads.append(threading.Thread(target=run_boat))
-        threads[-1].start()
-        with service.manager, service.station.socket:
+        with running_devices(boat), service.manager, service.station.socket:
             yield service
 
-    yield make
-    is_over.set()
-    for thread in threads:
-        thread.join()
+    return make

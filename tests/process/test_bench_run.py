@@ -1,4 +1,4 @@
-"""The measurements of the autopilot itself, as short as possible; no figure is judged."""
+"""The measurements of `rambler-hil bench` on the autopilot, as short as possible and without limits."""
 
 import math
 from dataclasses import replace
@@ -10,17 +10,10 @@ from hil.bench.setting import quick
 
 @pytest.mark.proof
 @pytest.mark.parametrize("name", ["sense", "load", "start"])
-def test_a_measurement_finds_all_its_figures(name, tmp_path):
-    from hil.bench.measurements import TABLE  # noqa: PLC0415 - with numba and scipy: no time of each collection
+def test_measurement_gives_all_its_figures(name, tmp_path):
+    from hil.bench.measurements import TABLE  # noqa: PLC0415 - numba and scipy would delay each collection
 
-    setting = replace(
-        quick(tmp_path),
-        lock_s=1.0,
-        sense_s=1.5,
-        load_s=1.0,
-        bare_load_s=0.3,
-        starts=1,
-    )
+    setting = replace(quick(tmp_path), lock_s=1.0, sense_s=1.5, load_s=1.0, bare_load_s=0.3, starts=1)
     finding = TABLE[name].measure(setting)
     assert finding.notes
     for figure in finding.figures:

@@ -1,4 +1,4 @@
-"""Cables pulled and power cut while the real autopilot runs in real time; nothing is restarted."""
+"""Cables are unplugged and power is cut while the autopilot runs in real time, without a restart."""
 
 import functools
 import math
@@ -13,8 +13,8 @@ SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL
 
 
 @pytest.fixture
-def moor(make_boat):
-    """Make a boat in real time without a ground station; its goal is its heading."""
+def make_moored_boat(make_boat):
+    """Return a function that makes a boat in real time without a ground station; its goal is its heading."""
     return lambda compass, servo: make_boat(
         scenario="calm", compass=compass, servo=servo, speed=None, settings=SETTINGS, without=("position", "link")
     )
@@ -26,8 +26,8 @@ def moor(make_boat):
         pytest.param(("pni", "volz"), id="pni-volz", marks=pytest.mark.proof),
     ]
 )
-def bench(moor, request):
-    boat = moor(*request.param).start()
+def bench(make_moored_boat, request):
+    boat = make_moored_boat(*request.param).start()
     boat.until_written("Mode GUIDED")
     boat.run(1.5)
     yield boat
@@ -35,31 +35,31 @@ def bench(moor, request):
 
 
 def replays(bench):
-    """Whether the log of the run, faults and all, is recomputed to the same bits."""
+    """Return whether the logs of the run replay bit for bit."""
     logs = bench.finish()
     return bool(logs) and all(main(["replay", str(log)]) == 0 for log in logs)
 
 
-def turn_by_hand(bench):
-    """Put the boat 30 degrees off its goal, so that the rudder moves."""
+def turn_boat(bench):
+    """Turn the boat by 30 degrees, so that the rudder moves."""
     bench.world._hull._plant.heading_rad += math.radians(30.0)
 
 
-def steers(bench):
-    """Whether the rudder still answers to the heading."""
-    turn_by_hand(bench)
-    before_rad = bench.world.shaft.angle_rad()
+def responds_to_heading(bench):
+    """Return whether the rudder moves after a turn of the boat."""
+    turn_boat(bench)
+    initial_rad = bench.world.shaft.angle_rad()
     bench.run(1.5)
-    return abs(bench.world.shaft.angle_rad() - before_rad) > math.radians(5.0)
+    return abs(bench.world.shaft.angle_rad() - initial_rad) > math.radians(5.0)
 
 
-def test_the_cables_of_servo_and_compass_out_and_in_and_the_end_amidships(bench):
+def test_unplugged_servo_and_compass_recover_and_the_end_centres_the_rudder(bench):
     bench.lines["rudder"].unplug()
     bench.until_written("Rudder servo not responding")
     bench.lines["rudder"].plug()
     bench.until_written("Rudder servo responding again")
     bench.run(1.0)
-    assert steers(bench)
+    assert responds_to_heading(bench)
     bench.lines["compass"].unplug()
     bench.until_written("No valid heading: rudder held, then centred")
     bench.run(2.5)
@@ -67,7 +67,7 @@ def test_the_cables_of_servo_and_compass_out_and_in_and_the_end_amidships(bench)
     bench.lines["compass"].plug()
     bench.until_written("Heading recovered")
     bench.run(1.5)
-    assert abs(bench.world.shaft.angle_rad()) > math.radians(5.0)  # the boat is off its goal since the turn by hand
+    assert abs(bench.world.shaft.angle_rad()) > math.radians(5.0)  # the boat was turned off its goal
     assert bench.process.running()
     bench.process.terminate()
     bench.run(2.5)
@@ -77,23 +77,23 @@ def test_the_cables_of_servo_and_compass_out_and_in_and_the_end_amidships(bench)
 
 
 @pytest.mark.parametrize("compass", ["mti", pytest.param("pni", marks=pytest.mark.proof)])
-def test_compass_power_cut_and_restored(moor, compass):
-    bench = moor(compass, "dynamixel").start()
+def test_compass_power_cut_and_restored(make_moored_boat, compass):
+    bench = make_moored_boat(compass, "dynamixel").start()
     bench.until_written("Mode GUIDED")
     bench.run(1.5)
     bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)
     bench.until_written("No valid heading: rudder held, then centred")
     bench.until_written("Heading recovered")
-    assert steers(bench)
+    assert responds_to_heading(bench)
 
 
-def test_a_noisy_line_costs_samples_and_nothing_else(bench):
+def test_noisy_line_loses_samples_only(bench):
     bench.compass.flip = 0.002
     bench.compass.garbage = 0.2
     bench.run(6.0)
     bench.compass.flip = bench.compass.garbage = 0.0
     assert bench.process.running()
-    assert steers(bench)
+    assert responds_to_heading(bench)
     bench.finish()
     headings_deg = [
         math.degrees(sample.heading_rad)
@@ -105,10 +105,10 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
     assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
 
 
-def test_an_impossible_value_is_not_used(moor):
+def test_impossible_heading_is_not_used(make_moored_boat):
     bodies = b"HEHDT,400.0,T", b"HEHDT,nan,T"
     sentences = [b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body)) for body in bodies]
-    bench = moor("nmea", "volz").start()
+    bench = make_moored_boat("nmea", "volz").start()
     bench.until_written("Mode GUIDED")
     bench.run(1.0)
     for sentence in sentences:
@@ -124,9 +124,9 @@ def test_an_impossible_value_is_not_used(moor):
     assert all(min(heading_rad, 2 * math.pi - heading_rad) < 0.1 for heading_rad in headings_rad)
 
 
-def test_ports_that_come_later_are_taken_up_with_wait_and_links_without_an_address_change_nothing(moor):
-    """At sea no server resolves names, and the network of the boat may come later or never."""
-    bench = moor("nmea", "volz")
+def test_ports_that_appear_later_are_used_and_links_without_an_address_have_no_effect(make_moored_boat):
+    """At sea no server resolves names, and the network of the boat may appear later or never."""
+    bench = make_moored_boat("nmea", "volz")
     for line in bench.lines.values():
         line.unplug()
     bench.start("--wait", "--link", "udpin:192.0.2.1:14550", "--link", "nmea:udpout:plotter.invalid:10110")
@@ -135,4 +135,4 @@ def test_ports_that_come_later_are_taken_up_with_wait_and_links_without_an_addre
         line.plug()
     bench.until_written("Rudder servo responding again")
     bench.run(1.5)
-    assert steers(bench)
+    assert responds_to_heading(bench)

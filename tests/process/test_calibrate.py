@@ -1,4 +1,4 @@
-"""`rambler calibrate rudder` from outside, on a servo that moves: the emulated one, in real time."""
+"""`rambler calibrate rudder` as a process, with an emulated servo in real time."""
 
 import json
 import subprocess
@@ -10,7 +10,7 @@ from support.paths import ROOT
 
 
 @pytest.mark.parametrize("servo", ["dynamixel", pytest.param("volz", marks=pytest.mark.proof)])
-def test_the_rudder_moves_in_small_steps_and_is_released(make_boat, servo):
+def test_rudder_is_measured_in_small_steps(make_boat, servo):
     boat = make_boat(speed=None, servo=servo, settings={"RUD_LIMIT_DEG": 1})
     boat.time.begin(boat.board, None)
     command = [sys.executable, "-m", "firmware_py", "calibrate", "rudder", str(boat._vehicle), "--json"]

@@ -1,4 +1,4 @@
-"""Campaigns from outside: killed and gone on with, compiled and by the autopilot itself, with the same results."""
+"""Campaigns as processes: after kills, restarts and on clusters, the results are the same."""
 
 import contextlib
 import hashlib
@@ -6,18 +6,18 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
+from functools import partial
 
 import pytest
 
 from hil.lab.campaign import store
 from support.harness import INTERRUPTED, rambler_hil, start_rambler_hil
 from support.paths import ROOT
+from support.processes import children, command_line, wait_until
 
-pytestmark = pytest.mark.timeout(600)  # the loop is compiled first: half a minute of one processor
+pytestmark = pytest.mark.timeout(600)  # includes half a minute for compilation of the loop
 
-TIMEOUT_S = 300.0
+wait = partial(wait_until, timeout_s=300.0)
 COMPILED = """
 engine = "compiled"
 runs = 640
@@ -42,81 +42,55 @@ K = {uniform = [0.7, 1.4]}
 """
 
 
-def until(condition):
-    """Wait for something that another process brings about, and return it."""
-    give_up_s = time.monotonic() + TIMEOUT_S
-    while not (found := condition()):
-        assert time.monotonic() < give_up_s, "waited in vain"
-        time.sleep(0.02)
-    return found
-
-
-def children(pid):
-    """Return the processes that a process has started."""
-    found = []
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            found += [int(word) for word in (task / "children").read_text().split()]
-    return found
-
-
 def workers(pid):
-    """Return the worker processes of a campaign."""
-    return [one for one in children(pid) if b"spawn_main" in command_line(one)]
+    """Return the worker processes of a process."""
+    return [child for child in children(pid) if b"spawn_main" in command_line(child)]
 
 
-def command_line(pid):
-    """Return the command line of a process, nothing when it is gone."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""
-
-
-def started(spec, out, *words):
-    """Start a campaign; return it and its specification's path."""
+def start_campaign(spec, out, *words):
+    """Write the specification and start the campaign."""
     path = out.with_suffix(".toml")
     path.write_text(spec)
     return start_rambler_hil("campaign", path, "--out", out, *words)
 
 
-def finished_campaign(spec, out, *words):
-    """Sail a campaign to its end and return the bytes that it came to."""
-    campaign = started(spec, out, *words)
+def run_campaign(spec, out, *words):
+    """Run a campaign to its end and return the bytes of its results."""
+    campaign = start_campaign(spec, out, *words)
     output, errors = campaign.communicate()
     assert campaign.returncode == 0, errors
     assert str(out / store.RUNS) in output
     return (out / store.RUNS).read_bytes()
 
 
-def parts(out):
+def count_batches(out):
     """Return the number of stored batches."""
     return len(list((out / store.PARTS).glob("*.parquet")))
 
 
 @pytest.mark.proof
-def test_a_campaign_with_a_killed_worker_and_a_restart_gives_equal_results(tmp_path):
-    whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
+def test_campaign_with_a_killed_worker_and_a_restart_gives_equal_results(tmp_path):
+    undisturbed = run_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
     out = tmp_path / "killed"
-    campaign = started(COMPILED, out, "--workers", "1")
-    until(lambda: parts(out) >= 2)
+    campaign = start_campaign(COMPILED, out, "--workers", "1")
+    wait(lambda: count_batches(out) >= 2)
     os.kill(workers(campaign.pid)[0], signal.SIGKILL)
-    until(lambda: parts(out) >= 5)
+    wait(lambda: count_batches(out) >= 5)
     worker_pids = workers(campaign.pid)
     campaign.kill()
     campaign.communicate()
-    until(lambda: not any(b"spawn_main" in command_line(one) for one in worker_pids))
+    wait(lambda: not any(b"spawn_main" in command_line(pid) for pid in worker_pids))
     assert not (out / store.RUNS).exists()
     code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
     assert (code, "go on with --resume" in errors) == (2, True)
-    assert finished_campaign(COMPILED, out, "--workers", "2", "--resume") == whole
+    assert run_campaign(COMPILED, out, "--workers", "2", "--resume") == undisturbed
 
 
 @pytest.mark.proof
-def test_a_terminated_campaign_names_the_command_that_resumes_it(tmp_path):
+def test_terminated_campaign_names_the_option_that_resumes_it(tmp_path):
     old_name = COMPILED.replace('"compiled"', '"twin"')
-    campaign = started(old_name, tmp_path / "out", "--workers", "1")
-    until(lambda: parts(tmp_path / "out") >= 1)
+    campaign = start_campaign(old_name, tmp_path / "out", "--workers", "1")
+    wait(lambda: count_batches(tmp_path / "out") >= 1)
     worker_pids = workers(campaign.pid)
     campaign.send_signal(signal.SIGTERM)
     _, errors = campaign.communicate()
@@ -124,14 +98,14 @@ def test_a_terminated_campaign_names_the_command_that_resumes_it(tmp_path):
     assert 'engine: "twin" is the old name of "compiled"' in errors
     assert errors.endswith("rambler-hil: interrupted; finished runs are stored, continue with --resume\n")
     assert "Traceback" not in errors
-    until(lambda: not any(b"spawn_main" in command_line(one) for one in worker_pids))
+    wait(lambda: not any(b"spawn_main" in command_line(pid) for pid in worker_pids))
 
 
 @pytest.mark.proof
-def test_a_repeated_campaign_and_a_single_run_of_it_are_bit_identical(tmp_path):
+def test_repeated_campaign_and_replayed_run_are_bit_identical(tmp_path):
     out, run = tmp_path / "first", tmp_path / "run"
-    first = finished_campaign(FIRMWARE, out, "--workers", "1")
-    assert finished_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == first
+    first = run_campaign(FIRMWARE, out, "--workers", "1")
+    assert run_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == first
     runs = store.read_table(out / store.RUNS).to_pylist()
     assert [row["ended"] for row in runs] == ["finished", "finished"]
     assert runs[0]["digest"] != runs[1]["digest"]
@@ -142,9 +116,9 @@ def test_a_repeated_campaign_and_a_single_run_of_it_are_bit_identical(tmp_path):
 
 
 @pytest.mark.proof
-def test_a_compiled_run_replays_as_the_autopilot_sails_it(tmp_path):
+def test_compiled_run_equals_its_replay_by_the_autopilot(tmp_path):
     out = tmp_path / "out"
-    finished_campaign(COMPILED.replace("runs = 640", "runs = 4"), out)
+    run_campaign(COMPILED.replace("runs = 640", "runs = 4"), out)
     for row in range(4):
         code, output, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
         assert (code, output.splitlines()[0]) == (0, f"run {row}: identical to the last bit"), errors
@@ -155,8 +129,8 @@ def test_a_compiled_run_replays_as_the_autopilot_sails_it(tmp_path):
 
 
 @contextlib.contextmanager
-def cluster():
-    """A dask scheduler with two workers: its process and its address."""
+def dask_cluster():
+    """Start a dask scheduler with two workers; yield its process and its address."""
     command = [sys.executable, str(ROOT / "tests" / "support" / "dask_cluster.py")]
     with subprocess.Popen(
         command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -168,22 +142,22 @@ def cluster():
 
 
 @pytest.mark.proof
-def test_a_dask_cluster_with_killed_processes_gives_equal_results(tmp_path):
-    whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
-    with cluster() as (_, address):
-        assert finished_campaign(COMPILED, tmp_path / "cluster", "--scheduler", address) == whole
+def test_dask_cluster_with_killed_processes_gives_equal_results(tmp_path):
+    undisturbed = run_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
+    with dask_cluster() as (_, address):
+        assert run_campaign(COMPILED, tmp_path / "cluster", "--scheduler", address) == undisturbed
     out = tmp_path / "killed"
-    with cluster() as (process, address):
-        campaign = started(COMPILED, out, "--scheduler", address)
-        until(lambda: parts(out) >= 2)
-        os.kill(next(one for one in children(process.pid) if b"spawn_main" in command_line(one)), signal.SIGKILL)
-        until(lambda: parts(out) >= 10)
-        process.kill()  # the scheduler lives in it
+    with dask_cluster() as (process, address):
+        campaign = start_campaign(COMPILED, out, "--scheduler", address)
+        wait(lambda: count_batches(out) >= 2)
+        os.kill(workers(process.pid)[0], signal.SIGKILL)
+        wait(lambda: count_batches(out) >= 10)
+        process.kill()  # it contains the scheduler
         _, errors = campaign.communicate()
         assert (campaign.returncode, "go on with --resume" in errors) == (1, True), errors
         assert "Traceback" not in errors
-    with cluster() as (_, address):
-        assert finished_campaign(COMPILED, out, "--scheduler", address, "--resume") == whole
+    with dask_cluster() as (_, address):
+        assert run_campaign(COMPILED, out, "--scheduler", address, "--resume") == undisturbed
     code, _, errors = rambler_hil(
         "campaign", out.with_suffix(".toml"), "--out", tmp_path / "fish", "--scheduler", "fish"
     )

@@ -1,4 +1,4 @@
-"""How fast campaigns are sailed, printed and not judged: `pytest -m proof -s tests/process/test_campaign_speed.py`."""
+"""Speed of campaigns, printed without a limit: `pytest -m proof -s tests/process/test_campaign_speed.py`."""
 
 import json
 
@@ -38,8 +38,8 @@ speed = {{uniform = [0.85, 1.15]}}
 """
 
 
-def sailed(directory, text, workers, *words):
-    """Sail a campaign; return its figures and its results."""
+def run_campaign(directory, text, workers, *words):
+    """Run a campaign; return its figures and the bytes of its results."""
     path = directory / f"{workers}.toml"
     path.write_text(text)
     out = directory / f"by-{workers}"
@@ -50,16 +50,16 @@ def sailed(directory, text, workers, *words):
 
 @pytest.mark.parametrize(("name", "text", "runs"), [("autopilot", FIRMWARE, 200), ("twin", COMPILED, 4096)])
 def test_one_and_two_workers_give_equal_results(tmp_path, name, text, runs):
-    alone, one = sailed(tmp_path, text.format(runs=runs), 1)
-    beside, two = sailed(tmp_path, text.format(runs=runs), 2)
-    assert one == two
+    one_worker, results_of_one = run_campaign(tmp_path, text.format(runs=runs), 1)
+    two_workers, results_of_two = run_campaign(tmp_path, text.format(runs=runs), 2)
+    assert results_of_one == results_of_two
     assert {row["ended"] for row in store.read_table(tmp_path / "by-2" / store.RUNS).to_pylist()} == {"finished"}
-    efficiency = beside["runs_per_s"] / (2.0 * alone["runs_per_s"])
-    for figures in (alone, beside):
+    efficiency = two_workers["runs_per_s"] / (2.0 * one_worker["runs_per_s"])
+    for figures in (one_worker, two_workers):
         per_run_s = figures["processor_s"] / runs
         print(
             f"\n{name}, workers {figures['workers']}: {runs} runs of {figures['seconds']:g} s"
             f" in {figures['wall_s']:.0f} s, {figures['runs_per_s']:.3g} a second, {per_run_s:.3g} s of processor each;"
             f" a million would take {MILLION / figures['runs_per_s'] / 3600.0:.2f} h"
         )
-    print(f"two workers do {100.0 * efficiency:.0f} % of twice what one does")
+    print(f"parallel efficiency of two workers: {100.0 * efficiency:.0f} %")

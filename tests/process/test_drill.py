@@ -1,4 +1,4 @@
-"""The drills pass with this firmware and fail with seeded mutations of it."""
+"""The drills pass with the firmware and fail with mutations of it."""
 
 import json
 import os
@@ -11,19 +11,19 @@ import pytest
 from support.paths import ROOT
 
 
-def drilled(tree, directory, *words):
+def run_drills(tree, directory, *words):
     """Run drills with the firmware of a tree; return the exit code and the outcomes."""
     file = directory / "outcomes.json"
     command = [sys.executable, "-m", "hil", "drill", "--jobs", "2", "--json", str(file), *words]
-    done = subprocess.run(
+    process = subprocess.run(
         command, cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False
     )
-    assert file.exists(), done.stdout + done.stderr
-    return done.returncode, json.loads(file.read_text())
+    assert file.exists(), process.stdout + process.stderr
+    return process.returncode, json.loads(file.read_text())
 
 
-def test_a_drill_measures_report_and_recovery(tmp_path):
-    code, (outcome,) = drilled(ROOT, tmp_path, "--only", "servo's cable", "--moment", "turning")
+def test_drill_measures_report_and_recovery(tmp_path):
+    code, (outcome,) = run_drills(ROOT, tmp_path, "--only", "servo's cable", "--moment", "turning")
     assert (code, outcome["misses"]) == (0, [])
     assert 0.0 < outcome["told_s"][0] < 1.5
     assert 0.0 < outcome["over_s"][0] < 5.0
@@ -73,24 +73,24 @@ MUTATIONS = (
 
 @pytest.mark.proof
 @pytest.mark.parametrize(
-    ("file", "original", "mutant", "drill"), MUTATIONS, ids=[f"{one[3]}: {one[2]}" for one in MUTATIONS]
+    ("file", "original", "mutant", "drill"), MUTATIONS, ids=[f"{row[3]}: {row[2]}" for row in MUTATIONS]
 )
-def test_a_mutation_is_detected(file, original, mutant, drill, tmp_path):
-    """`pytest -m proof tests/process/test_drill.py`: seeded mutations, each caught by its drill."""
+def test_mutation_is_detected_by_its_drill(file, original, mutant, drill, tmp_path):
+    """`pytest -m proof tests/process/test_drill.py`."""
     for name in ("firmware_py", "hil", "params"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     path = tmp_path / "firmware_py" / file
     text = path.read_text()
     assert original in text, f"{file} no longer contains {original!r}"
     path.write_text(text.replace(original, mutant))
-    code, outcomes = drilled(tmp_path, tmp_path, "--only", drill, "--moment", "straight", "--moment", "turning")
+    code, outcomes = run_drills(tmp_path, tmp_path, "--only", drill, "--moment", "straight", "--moment", "turning")
     assert code == 1, outcomes
     assert any(outcome["misses"] for outcome in outcomes)
 
 
 @pytest.mark.proof
-def test_the_whole_book_is_passed(tmp_path):
-    """`pytest -m proof tests/process/test_drill.py -k whole`: every drill at every moment, and all pairs."""
-    code, outcomes = drilled(ROOT, tmp_path, "--pairs")
+def test_all_drills_pass(tmp_path):
+    """`pytest -m proof tests/process/test_drill.py -k all_drills`: every drill at every moment, and all pairs."""
+    code, outcomes = run_drills(ROOT, tmp_path, "--pairs")
     print(f"{len(outcomes)} drills, {sum(bool(outcome['misses']) for outcome in outcomes)} missed")
     assert code == 0, [outcome for outcome in outcomes if outcome["misses"]]

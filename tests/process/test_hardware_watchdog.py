@@ -67,7 +67,7 @@ class WatchedBoat:
 
 @pytest.fixture
 def watched(make_boat, tmp_path):
-    boat = make_boat(speed=None, without=("link",))
+    boat = make_boat(speed=None, settings={"CLK_SET": 0}, without=("link",))  # the GPS sends simulated time
     boat_with_watchdog = WatchedBoat(boat, tmp_path)
     try:
         boat_with_watchdog.sail_until(lambda: boat_with_watchdog.written)

@@ -1,69 +1,30 @@
-"""A harness that is killed leaves no autopilot behind, which would take up the ports of the next one."""
+"""A harness that is killed or terminated leaves no process behind that would use the ports of the next one."""
 
-import contextlib
 import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import pytest
 
-PATIENCE_S = 30.0
+from support.processes import autopilots, command_line, descendants, wait_until
 
 
-def autopilots(marker):
-    """The processes whose command line names the directory of this test."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                line = (entry / "cmdline").read_bytes()
-                zombie = b") Z" in (entry / "stat").read_bytes()
-            except OSError:
-                continue
-            if marker.encode() in line and b"firmware_py" in line and not zombie:
-                found.append(int(entry.name))
-    return found
+def start_harness(words, **options):
+    command = [sys.executable, "-m", "hil", *words]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
 
 
-def until(condition):
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < give_up_s, "waited in vain"
-        time.sleep(0.05)
-
-
-def test_a_killed_harness_takes_its_autopilot_with_it(tmp_path):
+def test_autopilot_ends_with_a_killed_harness(tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "hil", "run", "calm", "--seconds", "600", "--out", str(out)]
-    harness = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    harness = start_harness(["run", "calm", "--seconds", "600", "--out", str(out)])
     try:
-        until(lambda: autopilots(str(out)))
-        until((out / "state" / "logs").is_dir)
+        wait_until(lambda: autopilots(str(out)))
+        wait_until((out / "state" / "logs").is_dir)
     finally:
-        harness.send_signal(signal.SIGKILL)
+        harness.kill()
         harness.wait()
-    until(lambda: not autopilots(str(out)))
-
-
-def descendants(pid):
-    """The processes that one has started, and those that these have."""
-    found = []
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in map(int, (task / "children").read_text().split()):
-                found += [child, *descendants(child)]
-    return found
-
-
-def runs(pid):
-    """Whether there is such a process still."""
-    try:
-        return b") Z" not in Path(f"/proc/{pid}/stat").read_bytes()
-    except OSError:
-        return False
+    wait_until(lambda: not autopilots(str(out)))
 
 
 @pytest.mark.parametrize(
@@ -74,15 +35,13 @@ def runs(pid):
     ],
 )
 def test_workers_end_with_the_process_that_started_them(words, number, tmp_path):
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    command = [sys.executable, "-m", "hil", *words]
-    harness = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+    harness = start_harness(words, env={**os.environ, "TMPDIR": str(tmp_path)})
     try:
-        until(lambda: len(autopilots(str(tmp_path))) >= 2)
-        begun = descendants(harness.pid)
+        wait_until(lambda: len(autopilots(str(tmp_path))) >= 2)
+        pids = descendants(harness.pid)
     finally:
         harness.send_signal(number)
         harness.wait()
-    assert len(begun) >= 4  # two workers, and an autopilot of each
-    until(lambda: not any(map(runs, begun)))
-    until(lambda: not autopilots(str(tmp_path)))
+    assert len(pids) >= 4  # two workers, and an autopilot of each
+    wait_until(lambda: not any(map(command_line, pids)))
+    wait_until(lambda: not autopilots(str(tmp_path)))

@@ -1,12 +1,11 @@
-"""Killed at any moment, the real autopilot comes up with all that it has acknowledged.
+"""After a kill at any moment the autopilot starts with all acknowledged requests in force.
 
-The proof kills it a thousand times, or `KILLS=100 pytest -m proof tests/process/test_kills.py`; the suite a few.
+The proof kills it a thousand times, or `KILLS=100 pytest -m proof tests/process/test_kills.py`; the suite a few times.
 """
 
 import math
 import os
 import random
-import threading
 import time
 from dataclasses import dataclass, field, replace
 
@@ -15,20 +14,21 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hil.sim.process import AutopilotProcess
 from support.asking_station import AskingStation, answered
+from support.processes import running_devices
 from support.station import off_deg, yaw_deg
 
-FEW, MANY = 2, int(os.environ.get("KILLS", "1000"))
+FEW_KILLS, MANY_KILLS = 2, int(os.environ.get("KILLS", "1000"))
 SETTINGS = {"BOOT_RESUME": 2, "LOG_ENABLE": 0, "WP_RADIUS": 5.0}
 MANUAL, STEERING, HOLD, AUTO, GUIDED = 0, 3, 4, 10, 15
 ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING = 400, 176, 179, 224, 43002
 HEARTBEAT, CURRENT, TARGET, HOME = 0, 42, 83, 242
-UNACKNOWLEDGED_S = 0.2  # what is not acknowledged is on disk by then
-SEEN_S = 5.0
+STORAGE_DELAY_S = 0.2  # until an unacknowledged request is on disk
+TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True)
-class Known:
-    """What a station knows of the boat; None: anything."""
+class ExpectedState:
+    """State that a station expects of the boat; None: any value."""
 
     armed: bool | None = None
     mode: int | None = None
@@ -38,118 +38,118 @@ class Known:
     items: tuple[tuple[int, int], ...] | None = None
     home: tuple[int, int] | None = None
 
-    def fits(self, found):
-        """Whether the state that was found agrees with the expected one."""
+    def fits(self, actual):
+        """Return whether the actual state agrees with the expected one."""
         for name in ("armed", "mode", "current", "gain", "items", "home"):
-            known = getattr(self, name)
-            if known is not None and known != getattr(found, name):
+            expected = getattr(self, name)
+            if expected is not None and expected != getattr(actual, name):
                 return False
         if self.goal_deg is None or self.mode not in (GUIDED, STEERING):
             return True
-        return found.goal_deg is not None and abs(off_deg(found.goal_deg, self.goal_deg)) < 0.01
+        return actual.goal_deg is not None and abs(off_deg(actual.goal_deg, self.goal_deg)) < 0.01
 
 
 @dataclass
 class Order:
-    """A request of a station: how it is sent, when it is acknowledged, and the state expected then."""
+    """A request of a station: name, sending function, and the state expected after it."""
 
     name: str
     send: (
         object  # station: sends it and returns a generator that is through when it is answered: whether it was accepted
     )
-    known: object  # Known before: Known after
+    expected: object  # Known before: Known after
 
 
-def arm(numbers, _known):
-    wanted = numbers.random() < 0.6
+def arm(rng, _known):
+    arms = rng.random() < 0.6
     return Order(
-        f"armed {wanted}",
-        lambda station: answered(station, station.command(ARM, float(wanted), 21196.0), ARM),
-        lambda known: replace(known, armed=wanted),
+        f"armed {arms}",
+        lambda station: answered(station, station.command(ARM, float(arms), 21196.0), ARM),
+        lambda expected: replace(expected, armed=arms),
     )
 
 
-def set_mode(numbers, _known):
-    mode = numbers.choice((MANUAL, STEERING, HOLD, AUTO, GUIDED, GUIDED))
-    # Entering a mode of headings takes the present one for the goal.
+def set_mode(rng, _known):
+    mode = rng.choice((MANUAL, STEERING, HOLD, AUTO, GUIDED, GUIDED))
+    # A mode that steers headings starts with the present heading as goal.
     return Order(
         f"mode {mode}",
         lambda station: answered(station, station.command(SET_MODE, 1.0, float(mode)), SET_MODE),
-        lambda known: known if known.mode == mode else replace(known, mode=mode, goal_deg=None),
+        lambda expected: expected if expected.mode == mode else replace(expected, mode=mode, goal_deg=None),
     )
 
 
-def change_heading(numbers, _known):
-    goal_deg = float(numbers.randrange(360))
+def change_heading(rng, _known):
+    goal_deg = float(rng.randrange(360))
     return Order(
         f"goal {goal_deg}",
         lambda station: answered(station, station.command(CHANGE_HEADING, 1.0, goal_deg), CHANGE_HEADING),
-        lambda known: replace(known, goal_deg=goal_deg),
+        lambda expected: replace(expected, goal_deg=goal_deg),
     )
 
 
-def setpoint(numbers, _known):
-    """Not acknowledged: seen in force, and a fifth of a second later it counts as if it were."""
-    goal_deg = float(numbers.randrange(360))
+def setpoint(rng, _known):
+    """Return a setpoint, which has no acknowledgement: it counts when it is in force and stored."""
+    goal_deg = float(rng.randrange(360))
     half_rad = math.radians(goal_deg) / 2.0
     q = [math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)]
 
     def send(station):
         station.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, q, 0.0, 0.0, 0.0, 0.0))
         yield
-        give_up_s = time.monotonic() + SEEN_S
+        give_up_s = time.monotonic() + TIMEOUT_S
         while abs(off_deg(yaw_deg(station.request(TARGET).q), goal_deg)) > 0.01:
             if time.monotonic() > give_up_s:
-                return None  # perhaps without a heading: unknown
+                return None  # unknown, as the heading may be invalid
             yield
-        time.sleep(UNACKNOWLEDGED_S)
+        time.sleep(STORAGE_DELAY_S)
         return True
 
-    return Order(f"setpoint {goal_deg}", send, lambda known: replace(known, goal_deg=goal_deg))
+    return Order(f"setpoint {goal_deg}", send, lambda expected: replace(expected, goal_deg=goal_deg))
 
 
-def set_current(numbers, known):
-    number = numbers.randrange(1, 1 + len(known.items or (1,)))
+def set_current(rng, expected):
+    number = rng.randrange(1, 1 + len(expected.items or (1,)))
     return Order(
         f"item {number}",
         lambda station: answered(station, station.command(SET_CURRENT, float(number)), SET_CURRENT),
-        lambda known: replace(known, current=number),
+        lambda expected: replace(expected, current=number),
     )
 
 
-def set_gain(numbers, _known):
-    gain = float(numbers.randrange(1, 200))
+def set_gain(rng, _known):
+    gain = float(rng.randrange(1, 200))
 
     def send(station):
         station.send(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", gain, 9))
         while True:
-            for one in station.messages():
-                if one.get_type() == "PARAM_VALUE" and one.param_id == "CTL_K1":
-                    return one.param_value == gain
+            for message in station.messages():
+                if message.get_type() == "PARAM_VALUE" and message.param_id == "CTL_K1":
+                    return message.param_value == gain
             yield
 
-    return Order(f"gain {gain}", send, lambda known: replace(known, gain=gain))
+    return Order(f"gain {gain}", send, lambda expected: replace(expected, gain=gain))
 
 
-def set_home(numbers, _known):
-    place = (numbers.randrange(-800_000_000, 800_000_000), numbers.randrange(-1_700_000_000, 1_700_000_000))
-    message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *place, 0.0)
+def set_home(rng, _known):
+    position = (rng.randrange(-800_000_000, 800_000_000), rng.randrange(-1_700_000_000, 1_700_000_000))
+    message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *position, 0.0)
     return Order(
-        f"home {place}",
+        f"home {position}",
         lambda station: answered(station, [message], SET_HOME),
-        lambda known: replace(known, home=place),
+        lambda expected: replace(expected, home=position),
     )
 
 
-def new_mission(numbers, _known):
-    """Far away, so that none of its items is reached."""
-    places = tuple(
-        (numbers.randrange(100_000_000, 800_000_000), numbers.randrange(10**9)) for _ in range(numbers.randrange(2, 5))
+def new_mission(rng, _known):
+    """Return a mission far away, so that no item is reached."""
+    positions = tuple(
+        (rng.randrange(100_000_000, 800_000_000), rng.randrange(10**9)) for _ in range(rng.randrange(2, 5))
     )
     return Order(
-        f"mission of {len(places)}",
-        lambda station: station.upload(places),
-        lambda known: replace(known, items=places, current=1),
+        f"mission of {len(positions)}",
+        lambda station: station.upload(positions),
+        lambda expected: replace(expected, items=positions, current=1),
     )
 
 
@@ -169,13 +169,13 @@ ORDERS = (
 
 @dataclass
 class Voyage:
-    """A boat whose autopilot is killed again and again, and what its station knows."""
+    """A boat whose autopilot is killed repeatedly, and the state that its station expects."""
 
     boat: object
     station: AskingStation
-    numbers: random.Random
-    known: Known = field(default_factory=Known)
-    possible: tuple[Known, ...] = ()
+    rng: random.Random
+    expected: ExpectedState = field(default_factory=ExpectedState)
+    possible: tuple[ExpectedState, ...] = ()
     orders: list[str] = field(default_factory=list)
     kills: int = 0
 
@@ -186,32 +186,34 @@ class Voyage:
         self.station.socket.close()
 
     def start(self):
-        """Start an autopilot, and compare what it comes up with."""
+        """Start an autopilot and compare its state with the expected ones."""
         url = f"udpin:127.0.0.1:{self.station.connect()}"
         words = ["run", str(self.boat._vehicle), "--state", str(self.boat.state), "--link", url]
         self.process = AutopilotProcess(words, self.boat.directory / "firmware.log")
         self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
-        found = self.found()
-        fitting = [known for known in self.possible or (self.known,) if known.fits(found)]
-        assert fitting, f"kill {self.kills}: came up with\n{found}\nand not with any of\n{self.possible}\n{self.orders}"
-        # Both may fit; what they know beyond each other may not be relied on.
-        self.known = fitting[0] if len(fitting) == 1 else common(*fitting)
+        actual = self.actual()
+        fitting = [expected for expected in self.possible or (self.expected,) if expected.fits(actual)]
+        assert fitting, f"kill {self.kills}: started with\n{actual}\nexpected one of\n{self.possible}\n{self.orders}"
+        # If two states fit, only their common fields are reliable.
+        self.expected = fitting[0] if len(fitting) == 1 else common_state(*fitting)
         self.orders.clear()
 
-    def found(self):
+    def actual(self):
         self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _one: True)
         heartbeat = self.station.request(HEARTBEAT)
-        home = None if self.known.home is None else self.station.request(HOME)
+        home = None if self.expected.home is None else self.station.request(HOME)
         gain = self.station.ask(
             [mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)],
-            lambda one: one.param_value if one.get_type() == "PARAM_VALUE" and one.param_id == "CTL_K1" else None,
+            lambda message: (
+                message.param_value if message.get_type() == "PARAM_VALUE" and message.param_id == "CTL_K1" else None
+            ),
         )
         steering = heartbeat.custom_mode in (GUIDED, STEERING)
-        return Known(
+        return ExpectedState(
             armed=bool(heartbeat.base_mode & 128),
             mode=heartbeat.custom_mode,
             goal_deg=yaw_deg(self.station.request(TARGET).q) % 360.0
-            if steering and self.known.goal_deg is not None
+            if steering and self.expected.goal_deg is not None
             else None,
             current=self.station.request(CURRENT).seq,
             gain=gain,
@@ -219,36 +221,36 @@ class Voyage:
             home=None if home is None else (home.latitude, home.longitude),
         )
 
-    def order(self, *, answer):
-        """Give an order; without an answer it may have come or not."""
-        order = self.numbers.choice(ORDERS)(self.numbers, self.known)
-        if self.known.mode not in (GUIDED, STEERING) and order.name.startswith(("goal", "setpoint")):
-            order = set_mode(self.numbers, self.known)
-        after = order.known(self.known)
+    def order(self, *, is_answered):
+        """Send an order. Without waiting for the answer, it may be in force or not."""
+        order = self.rng.choice(ORDERS)(self.rng, self.expected)
+        if self.expected.mode not in (GUIDED, STEERING) and order.name.startswith(("goal", "setpoint")):
+            order = set_mode(self.rng, self.expected)
+        next_state = order.expected(self.expected)
         steps = order.send(self.station)
-        if not answer:
-            for _ in range(self.numbers.randrange(4)):
+        if not is_answered:
+            for _ in range(self.rng.randrange(4)):
                 next(steps, None)
             self.orders.append(f"{order.name}, unanswered")
-            self.possible = (self.known, after)
+            self.possible = (self.expected, next_state)
             return
-        accepted = finish(steps)
+        accepted = finish_order(steps)
         self.orders.append(f"{order.name}{'' if accepted else ', refused'}")
         if accepted is None:
-            self.known = common(self.known, after)
+            self.expected = common_state(self.expected, next_state)
         elif accepted:
-            self.known = after
-        self.possible = (self.known,)
+            self.expected = next_state
+        self.possible = (self.expected,)
 
     def kill(self):
-        """Kill it at any moment, most of them soon after the last word."""
-        time.sleep(self.numbers.choice((0.0, self.numbers.uniform(0.0, 0.01), self.numbers.uniform(0.0, 0.3))))
+        """Kill the autopilot at a random time, mostly soon after the last message."""
+        time.sleep(self.rng.choice((0.0, self.rng.uniform(0.0, 0.01), self.rng.uniform(0.0, 0.3))))
         self.end()
         self.kills += 1
 
 
-def finish(steps):
-    """Go on until it is answered; return whether it was accepted, None when that is not known."""
+def finish_order(steps):
+    """Wait for the answer; return whether the order was accepted, None if unknown."""
     while True:
         try:
             next(steps)
@@ -256,46 +258,38 @@ def finish(steps):
             return end.value
 
 
-def common(first, second):
-    """Return the fields in which both agree."""
-    same = {
+def common_state(first, second):
+    """Return the state of the fields that are equal in both."""
+    common_fields = {
         name: getattr(first, name)
-        for name in Known.__dataclass_fields__
+        for name in ExpectedState.__dataclass_fields__
         if getattr(first, name) == getattr(second, name)
     }
-    return Known(**same)
+    return ExpectedState(**common_fields)
 
 
 @pytest.fixture
 def voyage(make_boat):
     boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
-    made = Voyage(boat, AskingStation(), random.Random(20180825))
-    ended = threading.Event()
-
-    def live():
-        while not ended.is_set():
-            boat.time.step(boat.board, boat.now_s + 0.05)
-
-    boat.time.begin(boat.board, None)
-    devices = threading.Thread(target=live)
-    devices.start()
-    try:
-        yield made
-    finally:
-        made.end()
-        ended.set()
-        devices.join()
+    voyage = Voyage(boat, AskingStation(), random.Random(20180825))
+    with running_devices(boat):
+        try:
+            yield voyage
+        finally:
+            voyage.end()
 
 
-@pytest.mark.parametrize("kills", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.proof)])
-def test_after_a_kill_at_any_moment_all_acknowledged_requests_are_in_force(voyage, kills):
-    begun_s = time.monotonic()
+@pytest.mark.parametrize(
+    "kills", [pytest.param(FEW_KILLS, id="few"), pytest.param(MANY_KILLS, id="many", marks=pytest.mark.proof)]
+)
+def test_acknowledged_requests_are_in_force_after_a_kill_at_any_moment(voyage, kills):
+    start_s = time.monotonic()
     for _ in range(kills):
         voyage.start()
-        for _ in range(voyage.numbers.randrange(1, 5)):
-            voyage.order(answer=True)
-        if voyage.numbers.random() < 0.5:
-            voyage.order(answer=False)
+        for _ in range(voyage.rng.randrange(1, 5)):
+            voyage.order(is_answered=True)
+        if voyage.rng.random() < 0.5:
+            voyage.order(is_answered=False)
         voyage.kill()
     voyage.start()
-    print(f"{voyage.kills} kills in {time.monotonic() - begun_s:.0f} s")
+    print(f"{voyage.kills} kills in {time.monotonic() - start_s:.0f} s")

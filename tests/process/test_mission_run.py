@@ -1,4 +1,4 @@
-"""Missions on the real autopilot through ptys: sailed to the end, and gone on with after a kill in the middle."""
+"""Missions with the real autopilot on ptys: completed, and resumed after a kill."""
 
 from itertools import groupby
 
@@ -19,7 +19,7 @@ AUTO = 10
 
 
 @pytest.mark.proof
-def test_a_mission_resumes_after_a_kill(make_boat):
+def test_mission_resumes_after_a_kill(make_boat):
     boat = make_boat(
         scenario=scenarios.Scenario("stream", "", 1.0, 6.0, 3.0, 2.0, 0.0, 0.2, 120.0),
         settings={"BOOT_RESUME": 2, "LOIT_RADIUS": 40.0, "WP_RADIUS": 15.0},
@@ -36,17 +36,17 @@ def test_a_mission_resumes_after_a_kill(make_boat):
     assert "Resumed AUTO" in boat.words()
     assert "Mission: item 1" not in boat.words()
     assert "Mission: item 3" in boat.words()
-    # On the same line as before, not on a new one from where it was killed.
-    line = boat.track(123.0)
-    on_leg = line[: np.argmax(line[:, 2] > 70.0)]
+    # The boat stays on the leg, without a new line from the position of the kill.
+    track_after_kill = boat.track(123.0)
+    on_leg = track_after_kill[: np.argmax(track_after_kill[:, 2] > 70.0)]
     assert len(on_leg) > 20
     assert np.abs(on_leg[:, 1] - 60.0).max() < 15.0
-    end = boat.track(215.0)
-    assert np.hypot(end[:, 1], end[:, 2] - 90.0).max() < 60.0
+    final_track = boat.track(215.0)
+    assert np.hypot(final_track[:, 1], final_track[:, 2] - 90.0).max() < 60.0
 
 
 @pytest.mark.proof
-def test_after_a_kill_on_a_mission_the_autopilot_steers_at_once(make_boat):
+def test_autopilot_steers_at_once_after_a_kill_on_a_mission(make_boat):
     boat = make_boat(
         settings={"BOOT_RESUME": 2, "WP_RADIUS": 5.0},
         goals="",
@@ -57,14 +57,18 @@ def test_after_a_kill_on_a_mission_the_autopilot_steers_at_once(make_boat):
     for path in (REPLAY / "state").iterdir():
         (boat.state / path.name).write_bytes(path.read_bytes())
     boat.start().run(2.0)
-    assert abs(boat.command_deg()) > 5.0  # for a place abeam
+    assert abs(boat.command_deg()) > 5.0  # the item is abeam
     boat.run(118.0)
     boat.finish()
-    output = [line.split(maxsplit=2)[2] for line in boat.words().splitlines() if line.startswith("  ")]
+    output = [
+        track_after_kill.split(maxsplit=2)[2]
+        for track_after_kill in boat.words().splitlines()
+        if track_after_kill.startswith("  ")
+    ]
     assert output[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
-    assert not [text for text in output if text.startswith("Mission")], output  # the item before is not restarted
-    way = boat.track(0.0)
-    distance_m = np.hypot(way[:, 1], way[:, 2] - 40.0)
+    assert not [text for text in output if text.startswith("Mission")], output  # no item starts again
+    track = boat.track(0.0)
+    distance_m = np.hypot(track[:, 1], track[:, 2] - 40.0)
     assert distance_m[0] == pytest.approx(40.0, abs=1.0)
     assert distance_m.min() < 20.0  # turning circle; the boat keeps station there
 
@@ -93,7 +97,7 @@ EVERY_KIND = [
 
 
 @pytest.mark.proof
-def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
+def test_mission_with_every_kind_of_item_is_completed(tmp_path):
     plans = {PlanKind.MISSION: EVERY_KIND, PlanKind.FENCE: FENCED[:4]}
     words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans)]
     words += ["--set", "LOIT_RADIUS=60", "FENCE_ENABLE=1"]
@@ -105,13 +109,13 @@ def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
     assert output.count("Mission: item 16\n") == 2
     assert fence_events(tmp_path / "out") == [FENCE_ON, FENCE_OFF]
     truth = read(tmp_path / "out" / "truth.csv")
-    last = truth.time_s > truth.time_s[-1] - 600.0
-    assert np.mean(np.hypot(truth.north_m[last], truth.east_m[last]) < 65.0) > 0.95
+    is_last = truth.time_s > truth.time_s[-1] - 600.0
+    assert np.mean(np.hypot(truth.north_m[is_last], truth.east_m[is_last]) < 65.0) > 0.95
     assert replays(tmp_path / "out")
 
 
 def fence_events(out):
     """Return the fence events of the log in order: enabled and disabled."""
     logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
-    found = [row.values["Id"] for path in logs for row in read_messages(path.read_bytes(), {"EV"})]
-    return [event for event, _ in groupby(found) if event in {FENCE_ON, FENCE_OFF}]
+    events = [row.values["Id"] for path in logs for row in read_messages(path.read_bytes(), {"EV"})]
+    return [event for event, _ in groupby(events) if event in {FENCE_ON, FENCE_OFF}]

@@ -1,5 +1,6 @@
-"""`rambler-hil run --play`: a ground station steers and ends the run."""
+"""`rambler-hil run --play`: a ground station commands and ends the run."""
 
+import contextlib
 import json
 import signal
 import sys
@@ -15,42 +16,44 @@ from support.program import Program, unused_ports
 from support.station import Station
 
 
-def test_a_station_steers_and_ends_a_run_with_play(tmp_path):
+@contextlib.contextmanager
+def playing(tmp_path, speed):
+    """Start a run with --play at a speed; yield the program and a ground station."""
     (port,) = unused_ports(["udpin"])
-    out = tmp_path / "out"
-    words = ["run", "calm", "--play", "--speed", "20", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
+    words = ["run", "calm", "--play", "--speed", speed, "--link", f"udpout:127.0.0.1:{port}", "--out", tmp_path / "out"]
+    command = [sys.executable, "-m", "hil", *map(str, words)]
     with (
-        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as play,
+        closing(Program("play", command, tmp_path, env=without_pictures())) as program,
         closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
     ):
-        play.expect("Ctrl-C ends the run")
-        station = Station(link, tmp_path)
-        assert not station.receive("HEARTBEAT").base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED  # no goal was given
+        yield program, Station(link, tmp_path)
+
+
+def read_summary(tmp_path):
+    return json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+def test_station_commands_a_run_and_a_signal_ends_it(tmp_path):
+    with playing(tmp_path, "20") as (program, station):
+        program.expect("Ctrl-C ends the run")
+        heartbeat = station.receive("HEARTBEAT")
+        assert not heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED  # without a goal
         assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == mavlink.MAV_RESULT_ACCEPTED
         for mode in (Mode.GUIDED, Mode.HOLD, Mode.MANUAL):
             assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, mode.value) == mavlink.MAV_RESULT_ACCEPTED
         assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == mavlink.MAV_RESULT_ACCEPTED
-        play.send_signal(signal.SIGINT)
-        assert play.exit_code() == 0
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["ending"] == "finished"
-    assert 0.0 < summary["seconds"] < 1e6
-    assert (out / "report.html").exists()
+        program.send_signal(signal.SIGINT)
+        assert program.exit_code() == 0
+    summary = read_summary(tmp_path)
+    assert (summary["ending"], 0.0 < summary["seconds"] < 1e6) == ("finished", True)
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 @pytest.mark.proof
-def test_a_shutdown_by_the_station_ends_a_run_with_its_figures(tmp_path):
-    (port,) = unused_ports(["udpin"])
-    out = tmp_path / "out"
-    words = ["run", "calm", "--play", "--speed", "real", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
-    with (
-        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as play,
-        closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
-    ):
-        station = Station(link, tmp_path)
+def test_shutdown_by_the_station_ends_the_run_with_its_figures(tmp_path):
+    with playing(tmp_path, "real") as (program, station):
         station.receive("HEARTBEAT")
-        command = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
-        assert station.command(command, 2.0) == mavlink.MAV_RESULT_ACCEPTED
-        assert play.exit_code() == 0
-    assert "shut down the autopilot" in play.text()
-    assert json.loads((out / "summary.json").read_text())["ending"] == "finished"
+        assert station.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 2.0) == mavlink.MAV_RESULT_ACCEPTED
+        assert program.exit_code() == 0
+    assert "shut down the autopilot" in program.text()
+    assert read_summary(tmp_path)["ending"] == "finished"

@@ -1,4 +1,4 @@
-"""Every recording through the real serial line: the headings of its expected JSON, and nothing else."""
+"""Recordings sent through a serial port give exactly the headings and positions of the expected JSON."""
 
 import json
 import math
@@ -13,14 +13,14 @@ from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from firmware_py.system.serial_port import SerialPort
 from support.paths import DATA
 
-FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
-PIECE = 997  # a prime, so that the pieces end anywhere in a sentence
-PATIENCE = 100_000
+RECORDINGS = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
+PIECE_BYTES = 997  # a prime number, so that the pieces end anywhere in a sentence
+MAX_READS = 100_000
 
 
 @pytest.fixture
 def pty():
-    """The device's end of a pseudo-terminal, and the path of the port."""
+    """The device end of a pseudo-terminal, and the path of the port."""
     device, port = os.openpty()
     tty.setraw(port)
     yield device, os.ttyname(port)
@@ -30,7 +30,7 @@ def pty():
 
 @pytest.fixture
 def recording():
-    """Read a recording and its expected values, or skip."""
+    """Return a function that reads a recording and its expected values, or skips the test."""
 
     def read(name):
         if not DATA.is_dir():
@@ -42,7 +42,7 @@ def recording():
 
 
 class CountingLine:
-    """A SerialLine that says how many bytes have come out of it, so that the test need not sleep."""
+    """A serial port that counts the bytes read, so that the test need not sleep."""
 
     def __init__(self, path):
         self._line = SerialPort(path, 115200)
@@ -60,7 +60,7 @@ class CountingLine:
 
 @pytest.fixture
 def play(pty):
-    """Send a recording through the port to drivers made by `make`; return line, driver and all samples."""
+    """Return a function that sends bytes to a driver; it returns the driver, the samples and the time."""
     device, path = pty
     lines = []
 
@@ -69,17 +69,17 @@ def play(pty):
         lines.append(line)
         driver = make(line)
         samples, now_s = [], 0.0
-        for start in range(0, len(data), PIECE):
-            piece = data[start : start + PIECE]
+        for start in range(0, len(data), PIECE_BYTES):
+            piece = data[start : start + PIECE_BYTES]
             os.write(device, piece)
             now_s += 0.1
-            wanted = start + len(piece)
-            for _ in range(PATIENCE):
+            expected_count = start + len(piece)
+            for _ in range(MAX_READS):
                 driver.receive(now_s)
                 samples += driver.poll()
-                if line.count == wanted:
+                if line.count == expected_count:
                     break
-            assert line.count == wanted
+            assert line.count == expected_count
         return driver, samples, now_s
 
     yield run
@@ -88,21 +88,21 @@ def play(pty):
 
 
 def expected_headings(rows):
-    """(degrees, reference) of every heading, VHW apart: that repeats the compass for a speed log."""
-    found = []
+    """Return degrees and reference of each heading, without VHW, which repeats the heading for a speed log."""
+    headings = []
     for _, sentence, _, *values in rows:
         if sentence.endswith("VHW") or not values:
             continue
         true_deg, magnetic_deg = values[0].get("heading_true_deg"), values[0].get("heading_mag_deg")
         if true_deg is not None:
-            found.append((true_deg, NorthReference.TRUE))
+            headings.append((true_deg, NorthReference.TRUE))
         elif magnetic_deg is not None:
-            found.append((magnetic_deg, NorthReference.MAGNETIC))
-    return found
+            headings.append((magnetic_deg, NorthReference.MAGNETIC))
+    return headings
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_the_driver_gives_exactly_the_headings_of_a_recording(play, recording, name):
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_compass_gives_exactly_the_headings_of_a_recording(play, recording, name):
     data, rows = recording(name)
     compass, samples, now_s = play(data, lambda line: NmeaCompass(line, NmeaCompassOptions()))
     expected = expected_headings(rows)
@@ -110,23 +110,23 @@ def test_the_driver_gives_exactly_the_headings_of_a_recording(play, recording, n
     found_deg = [math.degrees(sample.heading_rad) for sample in samples]
     assert found_deg == pytest.approx([heading_deg % 360.0 for heading_deg, _ in expected], abs=1e-6)
     variations = [row[3]["variation_deg"] for row in rows if len(row) > 3 and row[3].get("variation_deg") is not None]
-    stated = [math.degrees(sample.variation_rad) for sample in samples if sample.variation_rad is not None]
-    assert stated == pytest.approx(variations)
+    variations_deg = [math.degrees(sample.variation_rad) for sample in samples if sample.variation_rad is not None]
+    assert variations_deg == pytest.approx(variations)
     health = compass.health(now_s)
     assert health.accepted == len(expected)
     assert health.rejected == sum(row[2] == 0 for row in rows)
     assert health.state is (DeviceState.RUNNING if expected else DeviceState.STARTING)
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if name.startswith("pynmeagps")] or FILES)
-def test_a_valid_heading_after_any_garbage_is_read(play, recording, name):
+@pytest.mark.parametrize("name", [name for name in RECORDINGS if name.startswith("pynmeagps")] or RECORDINGS)
+def test_valid_heading_after_garbage_is_read(play, recording, name):
     data, _ = recording(name)
     _, samples, _ = play(data + b"$HEHDT,341.8,T*21\r\n", lambda line: NmeaCompass(line, NmeaCompassOptions()))
     assert math.degrees(samples[-1].heading_rad) == pytest.approx(341.8)
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_the_positions_of_a_recording(play, recording, name):
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_position_driver_gives_only_positions_of_a_recording(play, recording, name):
     data, rows = recording(name)
     _, samples, _ = play(data, lambda line: NmeaPosition(line, NmeaPositionOptions()))
     allowed = {
@@ -134,12 +134,12 @@ def test_the_positions_of_a_recording(play, recording, name):
         for _, _, checksum, values in (row for row in rows if len(row) > 3)
         if values.get("lat") is not None
     }
-    given = {
+    positions = {
         (round(math.degrees(sample.latitude_rad), 6), round(math.degrees(sample.longitude_rad), 6))
         for sample in samples
         if sample.latitude_rad is not None
     }
-    assert given <= allowed
+    assert positions <= allowed
     epochs = max([sum(row[1].endswith(kind) for row in rows) for kind in ("RMC", "GGA", "GNS", "GLL")])
     if epochs > 10:
         assert len(samples) >= epochs - 2

@@ -1,6 +1,5 @@
-"""`rambler-hil run` end to end: the real autopilot as a process of its own, through ptys."""
+"""`rambler-hil run` end to end, with the real autopilot as a process on ptys."""
 
-import contextlib
 import json
 import os
 import signal
@@ -14,8 +13,9 @@ from firmware_py.log.disk import log_files
 from firmware_py.log.reader import read_log
 from hil.sim.truth import COLUMNS, FLOAT_COLUMN, read
 from support.harness import events_of, rambler_hil, replays, start_rambler_hil
+from support.processes import autopilots, wait_until
 
-# Seeds 1 to 6 of the tank with all compasses and servos. The suite runs one of them; its shorter runs have the others.
+# Seeds 1 to 6 with all compasses and servos. The suite runs the first; shorter tests use the other devices.
 TANK_RUNS = [
     (1, "nmea", "dynamixel"),
     *(
@@ -32,7 +32,7 @@ TANK_RUNS = [
 
 
 @pytest.mark.parametrize(("seed", "compass", "servo"), TANK_RUNS)
-def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
+def test_heading_keeping_in_the_tank_meets_the_limits(tmp_path, seed, compass, servo):
     words = [
         "run",
         "tank",
@@ -43,14 +43,14 @@ def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
         "--seconds",
         "140",
         "--seed",
-        str(seed),
+        seed,
         "--out",
-        str(tmp_path),
+        tmp_path,
     ]
-    picture = seed == 1  # the others make the page of a computer without matplotlib
-    code, output, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, picture=picture)
+    has_picture = seed == 1  # the others run without matplotlib
+    code, output, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, picture=has_picture)
     assert (code, errors) == (0, "")
-    assert (tmp_path / "run.png").exists() == picture
+    assert (tmp_path / "run.png").exists() == has_picture
     summary = json.loads((tmp_path / "summary.json").read_text())
     first, second = summary["goals"]
     assert second["overshoot_deg"] <= 3.0
@@ -74,17 +74,17 @@ def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
     ("compass", "servo"), [("pni", "volz"), pytest.param("nmea", "dynamixel", marks=pytest.mark.proof)]
 )
 def test_two_runs_with_a_seed_are_identical_at_any_speed_and_another_seed_differs(tmp_path, compass, servo):
-    """In the sea with the most disturbances; ten readers of its page change nothing, and the run replays."""
+    """In the sea with the most disturbances. Ten readers of the page have no effect, and the log replays."""
     truths = []
     for name, seed, speed in (("a", "1", "max"), ("b", "1", "4"), ("c", "2", "max")):
         words = ["run", "ocean-4", "--with", "float=0.4", "--speed", speed, "--seconds", "12", "--goal", "0:30"]
-        words += ["--set", "BOOT_RESUME=2"]  # acknowledgements wait for the disk, which takes no time here
+        words += ["--set", "BOOT_RESUME=2"]  # acknowledgements wait for the disk
         words += ["--compass", compass, "--servo", servo, "--seed", seed]
         process = start_rambler_hil(
             *words, *(("--view", "127.0.0.1:0") if name == "b" else ()), "--out", tmp_path / name
         )
         if name == "b":
-            assert_ten_readers_see_it_all(int(process.stdout.readline().rstrip("/\n").rpartition(":")[2]))
+            assert_ten_readers_get_the_whole_stream(int(process.stdout.readline().rstrip("/\n").rpartition(":")[2]))
         _, errors = process.communicate()
         assert (process.returncode, errors) == (0, "")
         truths.append((tmp_path / name / "truth.csv").read_bytes())
@@ -100,18 +100,18 @@ def test_two_runs_with_a_seed_are_identical_at_any_speed_and_another_seed_differ
     assert replays(tmp_path / "a")
 
 
-def assert_ten_readers_see_it_all(port):
+def assert_ten_readers_get_the_whole_stream(port):
     with ThreadPoolExecutor(10) as readers:
-        seen = list(readers.map(events_of, [port] * 10))
-    assert all(events.count(b"event: new") > 5 and events.rstrip().endswith(b"{}") for events in seen)
+        streams = list(readers.map(events_of, [port] * 10))
+    assert all(events.count(b"event: new") > 5 and events.rstrip().endswith(b"{}") for events in streams)
 
 
 @pytest.mark.parametrize(
     ("compass", "servo"), [("pni", "dynamixel"), pytest.param("nmea", "volz", marks=pytest.mark.proof)]
 )
-def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo):
+def test_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo):
     words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
-    began_s = time.time()
+    start_s = time.time()
     code, output, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -123,12 +123,13 @@ def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo
     assert replays(tmp_path)
     (log,) = log_files(tmp_path / "state" / "logs").values()
     fixes = [fix for tick in read_log(log) for fix in tick.inputs.positions if fix.utc_s is not None]
-    assert all(began_s - 1.0 < fix.utc_s < time.time() for fix in fixes)  # the receiver has the computer's time
+    assert all(start_s - 1.0 < fix.utc_s < time.time() for fix in fixes)  # the receiver has the time of the computer
     assert len(fixes) > 5
 
 
-def test_a_failed_start_shows_the_error_of_the_autopilot_and_replaces_no_run(tmp_path):
-    for name in ("run.json", "vehicle.toml", "firmware.log"):
+def test_failed_start_prints_the_error_of_the_autopilot_and_replaces_no_run(tmp_path):
+    names = ("run.json", "vehicle.toml", "firmware.log")
+    for name in names:
         (tmp_path / name).write_text("earlier")
     code, output, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
     assert code == 1
@@ -136,12 +137,10 @@ def test_a_failed_start_shows_the_error_of_the_autopilot_and_replaces_no_run(tmp
     assert len(errors.splitlines()) == 1
     assert "the autopilot ended" in errors
     assert "udp:nowhere" in errors
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(
-        ("run.json", "vehicle.toml", "firmware.log"), "earlier"
-    )
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(names, "earlier")
 
 
-def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
+def test_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
     # The compass never sends the configured sentence, so the autopilot cannot be armed.
     vehicle = tmp_path / "boat.toml"
     vehicle.write_text(
@@ -154,89 +153,58 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
     assert len(errors.splitlines()) == 1
     assert "arming was never" in errors
     assert (tmp_path / "out" / "truth.csv").exists()
-    assert "arming was never" in reported(tmp_path / "out")["ending"]
+    assert "arming was never" in read_early_summary(tmp_path / "out")["ending"]
 
 
-def reported(out):
-    """The figures of a run that was cut short, which has its page, too."""
+def read_early_summary(out):
+    """Check the report of a run that ended early; return its summary."""
     assert "Ended early" in (out / "report.html").read_text(encoding="utf-8")
     return json.loads((out / "summary.json").read_text())
 
 
-def test_a_run_with_a_killed_autopilot_writes_its_page(tmp_path):
+def test_run_with_a_killed_autopilot_writes_its_report(tmp_path):
     process = start_rambler_hil("run", "tank", "--seconds", "100000", "--speed", "15", "--out", str(tmp_path / "out"))
-    pid = wait_for(lambda: next(iter(pids_of(tmp_path / "out" / "vehicle.toml")), None))
-    wait_for(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 12)
-    # At any speed of the run the log goes to the disk once in a second of real time.
-    wait_for(
-        lambda: any(b"Armed\0" in path.read_bytes() for path in (tmp_path / "out" / "state" / "logs").glob("*.BIN"))
-    )
+    (pid,) = wait_until(lambda: autopilots(str(tmp_path / "out" / "vehicle.toml")))
+    wait_until(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 12)
+    # The log is written to disk once per second of real time at any speed.
+    logs = tmp_path / "out" / "state" / "logs"
+    wait_until(lambda: any(b"Armed\0" in path.read_bytes() for path in logs.glob("*.BIN")))
     os.kill(pid, signal.SIGKILL)
     _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 1
     assert len(errors.splitlines()) == 1
-    figures = reported(tmp_path / "out")
+    figures = read_early_summary(tmp_path / "out")
     assert "the autopilot ended" in figures["ending"]
     assert any(event["text"] == "Armed" for event in figures["events"])
     assert len(figures["goals"]) > 0
     (tmp_path / "out" / "report.html").unlink()
     assert rambler_hil("report", tmp_path / "out")[0] == 0
-    assert reported(tmp_path / "out") == figures
-
-
-def wait_for(condition):
-    give_up_s = time.monotonic() + 60.0
-    while not (found := condition()):
-        assert time.monotonic() < give_up_s
-        time.sleep(0.05)
-    return found
-
-
-def pids_of(vehicle):
-    """The processes of the autopilot on a vehicle file."""
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with contextlib.suppress(OSError):
-            words = path.read_bytes().split(b"\0")
-            if b"firmware_py" in words and str(vehicle).encode() in words:
-                yield int(path.parent.name)
+    assert read_early_summary(tmp_path / "out") == figures
 
 
 @pytest.mark.parametrize(
     ("speed", "number"), [pytest.param("max", signal.SIGINT, marks=pytest.mark.proof), ("real", signal.SIGTERM)]
 )
-def test_an_interrupted_run_leaves_only_its_truth_and_page(tmp_path, number, speed):
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
+def test_interrupted_run_leaves_only_truth_and_report(tmp_path, number, speed):
+    temporary = tmp_path / "scratch"
+    temporary.mkdir()
     process = start_rambler_hil(
         *("run", "tank", "--speed", speed, "--seconds", "100000", "--out", str(tmp_path / "out")),
-        env={**os.environ, "TMPDIR": str(scratch)},
+        env={**os.environ, "TMPDIR": str(temporary)},
     )
-    vehicle = tmp_path / "out" / "state" / "logs"
-    give_up_s = time.monotonic() + 30.0
-    while not vehicle.exists() and time.monotonic() < give_up_s:
-        time.sleep(0.05)
+    wait_until((tmp_path / "out" / "state" / "logs").exists)
     time.sleep(0.5)
     process.send_signal(number)
     output, _ = process.communicate(timeout=60.0)
     assert process.returncode == 130
     assert f"report: {tmp_path / 'out' / 'report.html'}" in output
-    assert reported(tmp_path / "out")["ending"].startswith("interrupted after")
-    assert list(scratch.iterdir()) == []
+    assert read_early_summary(tmp_path / "out")["ending"].startswith("interrupted after")
+    assert list(temporary.iterdir()) == []
     assert read(tmp_path / "out" / "truth.csv").time_s.size > 1
-    assert str(tmp_path).encode() not in b"".join(command_lines())
+    assert autopilots(str(tmp_path)) == []
 
 
-def command_lines() -> list[bytes]:
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            found.append(path.read_bytes() if b"firmware_py" in path.read_bytes() else b"")
-        except OSError:
-            continue
-    return found
-
-
-def test_a_waiting_autopilot_in_lockstep_uses_no_processor_time(make_boat):
+def test_autopilot_in_lockstep_has_no_real_time_priority(make_boat):
     boat = make_boat().start()
     boat.run(2.0)
     tasks = Path(f"/proc/{boat.process._process.pid}/task").iterdir()

@@ -16,19 +16,19 @@ HOLD, GUIDED = 4, 15
 
 @pytest.fixture
 def programs():
-    """Start programs; whatever happens they are ended."""
-    started = []
+    """Return a function that starts programs, which end with the test."""
+    running = []
 
     def start(name, directory, *words):
-        started.append(Program(name, [sys.executable, "-m", *map(str, words)], directory))
-        return started[-1]
+        running.append(Program(name, [sys.executable, "-m", *map(str, words)], directory))
+        return running[-1]
 
     yield start
-    for program in reversed(started):
+    for program in reversed(running):
         program.close()
 
 
-def test_a_station_receives_reports_and_sets_a_mode_by_satellite(tmp_path, programs, request):
+def test_station_receives_reports_and_sets_a_mode_by_satellite(tmp_path, programs, request):
     key, state, post = tmp_path / "key.txt", tmp_path / "state", tmp_path / "post"
     key.write_text("a passphrase\n")
     state.mkdir()
@@ -48,12 +48,12 @@ def test_a_station_receives_reports_and_sets_a_mode_by_satellite(tmp_path, progr
     )  # fmt: skip
     log = tmp_path / "run" / "firmware.log"
 
-    def receive(kind, wanted):
-        def look():
+    def receive(kind, is_wanted):
+        def find_message():
             message = station.recv_match(type=kind, blocking=False)
-            return message if message is not None and wanted(message) else None
+            return message if message is not None and is_wanted(message) else None
 
-        return gateway.wait_for(look, f"no {kind}: {log.exists() and log.read_text()[-2000:]}")
+        return gateway.wait_for(find_message, f"no {kind}: {log.exists() and log.read_text()[-2000:]}")
 
     report = receive("HIGH_LATENCY2", lambda message: message.custom_mode == HOLD)
     assert report.get_srcSystem() == 1

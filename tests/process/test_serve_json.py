@@ -1,4 +1,4 @@
-"""An external autopilot on our ship: a stand-in that speaks ArduPilot's side of the protocol from outside."""
+"""`rambler-hil serve-json`: an external autopilot with the protocol of ArduPilot steers the simulated ship."""
 
 import json
 import math
@@ -14,16 +14,16 @@ import pytest
 from support.harness import without_pictures
 from support.program import Program
 
-RATE_HZ = 100  # 6000 such frames add up to a little less than a minute
+RATE_HZ = 100  # the time of 6000 frames is a little less than a minute
 
 
-def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
+def test_external_autopilot_is_scored_and_a_second_one_is_ignored(tmp_path):
     out = tmp_path / "out"
     words = ["serve-json", "tank", "--port", "0", "--seconds", "60", "--goal", "0:20", "--out", str(out)]
     with (
         closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as ship,
         closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as autopilot,
-        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as second,
+        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other_autopilot,
     ):
         ship.expect("waiting on udp")
         port = int(re.search(r"udp 127\.0\.0\.1:(\d+);", ship.text())[1])
@@ -33,8 +33,8 @@ def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
         frame = 0
         while state["timestamp"] < 60.0 - 0.5 / RATE_HZ:
             frame += 1
-            if frame == 100:  # a second one was started
-                second.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
+            if frame == 100:  # another autopilot starts
+                other_autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
             pulses = [steering_us] + [1500] * 15
             autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, frame, *pulses), ("127.0.0.1", port))
             state = json.loads(autopilot.recv(4096))
@@ -51,7 +51,7 @@ def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
 
 
 @pytest.mark.proof
-def test_a_ship_without_an_autopilot_has_a_page_and_is_replaced_with_a_notice(tmp_path):
+def test_interrupted_run_writes_a_page_and_reports_what_it_replaces(tmp_path):
     out = tmp_path / "out"
     words = [sys.executable, "-m", "hil", "serve-json", "tank", "--port", "0", "--out", str(out)]
     for replaced in (False, True):

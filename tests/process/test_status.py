@@ -1,4 +1,4 @@
-"""`rambler status` from outside: a boat under way, one that hangs, one that was killed, one that has ended."""
+"""`rambler status` of an autopilot that runs, hangs, was killed or has ended."""
 
 import contextlib
 import io
@@ -21,24 +21,24 @@ CONTRACT = Path(__file__).parents[1] / "data" / "contract.json"
 GUIDED = 15
 
 
-def status_of(boat, *words):
+def status_of(boat, *options):
     """Return the exit code and the output of the command."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
-        code = main(["status", "--state", str(boat.state), *words])
-    return code, json.loads(output.getvalue()) if "--json" in words else output.getvalue()
+        code = main(["status", "--state", str(boat.state), *options])
+    return code, json.loads(output.getvalue()) if "--json" in options else output.getvalue()
 
 
-def until(boat, wanted):
-    """Let time pass until the boat has the wanted status."""
-    return until_output(boat, lambda status: status["status"] == wanted, "--json")
+def run_until_status(boat, expected):
+    """Run the boat until it has a status."""
+    return run_until(boat, lambda status: status["status"] == expected, "--json")
 
 
-def until_output(boat, is_wanted, *words):
-    """Let time pass until the output of the command is the wanted one."""
+def run_until(boat, is_expected, *options):
+    """Run the boat until the output of the command meets a condition; return exit code and output."""
     for _ in range(30):
-        code, output = status_of(boat, *words)
-        if is_wanted(output):
+        code, output = status_of(boat, *options)
+        if is_expected(output):
             return code, output
         boat.run(1.0)
     pytest.fail(f"{output}\n{boat.words()}")
@@ -81,27 +81,27 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     assert status["disk"]["free_mb"] > 0
     assert status["position"]["fix"] == "FIX_3D"
     assert status["energy"]["servo_power_w"] is not None
-    file = next(path for path in (directory / file_name(boat.state) for directory in DIRECTORIES) if path.exists())
-    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+    path = next(path for path in (directory / file_name(boat.state) for directory in DIRECTORIES) if path.exists())
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
 
-    code, text = until_output(boat, lambda text: "faults        none" in text)
+    code, text = run_until(boat, lambda text: "faults        none" in text)
     assert (code, text.splitlines()[0].split(", updated")[0][-7:]) == (0, "running")
-    for words in ("compass    nmea", "GUIDED", "station line  last frame", "nothing received", "free_mb"):
-        assert words in text, text
+    for text_part in ("compass    nmea", "GUIDED", "station line  last frame", "nothing received", "free_mb"):
+        assert text_part in text, text
 
-    away = boat.state.rename(boat.state.with_name("away"))  # as a disk that is pulled out
+    moved_state = boat.state.rename(boat.state.with_name("away"))  # as if the disk were unplugged
     code, status = status_of(boat, "--json")
     assert (code, status["status"], status["mode"]) == (0, "running", "GUIDED")
     assert "error" in status["disk"]
-    away.rename(boat.state)
+    moved_state.rename(boat.state)
 
     os.kill(boat.process._process.pid, signal.SIGSTOP)
-    code, status = until(boat, "stale")
+    code, status = run_until_status(boat, "stale")
     assert (code, status["mode"]) == (1, "GUIDED")
     assert "hangs or is stopped" in status["reason"]
     assert status["age_s"] >= STALE_S  # rounded
     os.kill(boat.process._process.pid, signal.SIGCONT)
-    until(boat, "running")
+    run_until_status(boat, "running")
     boat.kill()
     code, status = status_of(boat, "--json")
     assert (code, status["status"], status["mode"]) == (1, "stale", "GUIDED")
@@ -109,9 +109,9 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     assert "stale" in status_of(boat)[1].splitlines()[0]
 
 
-def test_after_an_orderly_end_the_status_is_absent(boat):
+def test_status_after_an_orderly_end_is_absent(boat):
     boat.start()
-    until(boat, "running")
+    run_until_status(boat, "running")
     boat.finish()
     code, status = status_of(boat, "--json")
     assert (code, status["status"]) == (1, "absent")

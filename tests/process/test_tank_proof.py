@@ -1,4 +1,4 @@
-"""The whole tank task of the paper, as delivered and with fixed gains, by five seeds. Run by `make proof`."""
+"""The tank task of the paper with five seeds, with default parameters and with fixed gains. Run by `make proof`."""
 
 import json
 
@@ -9,7 +9,7 @@ from support.harness import rambler_hil, replays
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(900)]
 
 
-# By the beginning of the figures' names.
+# Prefix of the names of the figures -> options.
 CONTROLLERS = {"tank_proof_delivered": [], "tank_proof": ["--set", "CTL_MODE=0", "EST_MODE=0"]}
 
 
@@ -17,7 +17,7 @@ CONTROLLERS = {"tank_proof_delivered": [], "tank_proof": ["--set", "CTL_MODE=0",
 @pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("compass", ["nmea", "pni"])
 @pytest.mark.parametrize("servo", ["dynamixel", "volz"])
-def test_the_tank_task(tmp_path, figures, name, seed, compass, servo):
+def test_tank_task_meets_the_error_limits(tmp_path, figures, name, seed, compass, servo):
     words = ["run", "tank", "--speed", "max", "--seed", str(seed), "--compass", compass, "--servo", servo]
     code, _, errors = rambler_hil(*words, *CONTROLLERS[name], "--out", tmp_path)
     assert code == 0, errors

@@ -1,4 +1,4 @@
-"""The pages in a real browser: of a run, and of one under way beside what really happens."""
+"""Pages in a real browser: the live page compared with the true state, reports of runs and logs."""
 
 import json
 import re
@@ -34,7 +34,7 @@ LOW_BATTERY = (
 CLIPPED = (
     "[...document.querySelectorAll('td.words')].filter((one) => one.getBoundingClientRect().right > innerWidth).length"
 )
-TIMES = """[...document.querySelectorAll('svg.time text')].map((one) => one.textContent.match(/^([\\d.]+) s$/))
+AXIS_TIMES = """[...document.querySelectorAll('svg.time text')].map((one) => one.textContent.match(/^([\\d.]+) s$/))
 .filter(Boolean).map((one) => Number(one[1]))"""
 LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().textContent"
 TIME_AND_HEADING = (
@@ -44,34 +44,34 @@ TIME_AND_HEADING = (
 
 @pytest.fixture(scope="module")
 def shared_browser(tmp_path_factory):
-    made = Browser(tmp_path_factory.mktemp("browser"))
-    yield made
-    made.close()
+    browser = Browser(tmp_path_factory.mktemp("browser"))
+    yield browser
+    browser.close()
 
 
 @pytest.fixture
 def browser(shared_browser):
-    """A browser that has page_text nothing yet; its start takes a second of a processor."""
+    """The shared browser with an empty page; a start would take a second."""
     shared_browser.open("about:blank")
     shared_browser.complaints.clear()
     shared_browser.requests.clear()
     return shared_browser
 
 
-def address_of(process):
-    """Where the page of a run is, as it says itself."""
+def read_address(process):
+    """Return the address that a run prints for its page."""
     return re.fullmatch(r"page: (http://127\.0\.0\.1:\d+/)\n", process.stdout.readline())[1]
 
 
-def ended(process):
-    """Return the output of a run that ends without an error."""
+def assert_success(process):
+    """Wait for a run, which must end without an error; return its output."""
     output, errors = process.communicate(timeout=100.0)
     assert (process.returncode, errors) == (0, "")
     return output
 
 
-def assert_fit_for_people(browser, url):
-    """The page wants nothing from elsewhere, fits a telephone and a desk, and is legible by day and by night."""
+def assert_readable(browser, url):
+    """Check the requests of a page, its width at 400 and 1200 px, and its contrast in both colour schemes."""
     for width, dark in ((1200, True), (400, False)):
         browser.look(width, 900, dark=dark)
         contrasts = browser.contrasts()
@@ -84,8 +84,8 @@ def assert_fit_for_people(browser, url):
     browser.requests.clear()
 
 
-def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
-    """The true heading and a fault when it comes; then plan and figures, and the page can be zoomed."""
+def test_live_page_and_report_of_a_mission(tmp_path, browser):
+    """The live page shows the true heading and faults; the report shows plan and figures and can be zoomed."""
     plans = {
         PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
         PlanKind.FENCE: FENCED,
@@ -96,30 +96,30 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     words += ["--seconds", "120", *LOW_BATTERY, "FENCE_ENABLE=1", "WP_RADIUS=10"]
     process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
     browser.look(400, 900)
-    browser.open(address := address_of(process))
+    browser.open(address := read_address(process))
     browser.wait_for("document.querySelectorAll('path.line').length > 5")
-    seen = []
-    while len(seen) < 3 or not browser.value("document.querySelector('#now-faults').textContent > '0'"):
-        moment = browser.value(TIME_AND_HEADING)
-        if not seen or moment[0] > seen[-1][0]:
-            seen.append(moment)
+    samples = []
+    while len(samples) < 3 or not browser.value("document.querySelector('#now-faults').textContent > '0'"):
+        sample = browser.value(TIME_AND_HEADING)
+        if not samples or sample[0] > samples[-1][0]:
+            samples.append(sample)
         time.sleep(0.05)
     browser.wait_for(
         "['Battery low', 'Vessels', 'Vessel approaching'].every((one) => document.body.innerText.includes(one))"
     )
     browser.wait_for("document.querySelectorAll('line.mark.bad').length > 0")
-    assert_fit_for_people(browser, address)
+    assert_readable(browser, address)
     browser.wait_for("document.querySelector('.banner').textContent.startsWith('The run has ended')")
-    ended(process)
+    assert_success(process)
     truth = read(out / "truth.csv")
-    true_deg = np.degrees(np.interp([moment[0] for moment in seen], truth.time_s, truth.heading_low_rad)) % 360.0
-    shown_deg = np.array([float(text.rstrip("\u00b0")) for _, text in seen])
-    assert np.abs((shown_deg - true_deg + 180.0) % 360.0 - 180.0).max() < 0.1
+    true_deg = np.degrees(np.interp([sample[0] for sample in samples], truth.time_s, truth.heading_low_rad)) % 360.0
+    page_deg = np.array([float(text.rstrip("\u00b0")) for _, text in samples])
+    assert np.abs((page_deg - true_deg + 180.0) % 360.0 - 180.0).max() < 0.1
     assert browser.complaints == []
     browser.open((out / "report.html").as_uri())
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
-    assert_fit_for_people(browser, (out / "report.html").as_uri())
+    assert_readable(browser, (out / "report.html").as_uri())
     summary = json.loads((out / "summary.json").read_text())
     first, second = summary["arrivals"]
     assert (first["item"], second["item"]) == (1, 2)
@@ -131,21 +131,27 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     assert f"Cross-track error {summary['cross_track']['rms_m']:.1f} m (rms)" in page_text
     assert f"1 at {first['time_s']:.0f} s" in page_text
     assert "cross-track distance (m, + to starboard)" in page_text
-    whole = browser.value(TIMES)
+    all_times_s = browser.value(AXIS_TIMES)
     browser.value("document.querySelector('button[title=\"show less\"]').click()")
-    closer = browser.value(TIMES)
-    assert whole[0] <= closer[0] < closer[-1] <= whole[-1]
-    assert closer[-1] - closer[0] < 0.7 * (whole[-1] - whole[0])
+    zoomed_times_s = browser.value(AXIS_TIMES)
+    assert all_times_s[0] <= zoomed_times_s[0] < zoomed_times_s[-1] <= all_times_s[-1]
+    assert zoomed_times_s[-1] - zoomed_times_s[0] < 0.7 * (all_times_s[-1] - all_times_s[0])
     assert browser.complaints == []
 
 
-def test_the_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
+def test_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
     logs = tmp_path / "logs"
     (logs / "thin").mkdir(parents=True)
     shutil.copy(REPLAY / "tank_pni_volz.BIN", logs / "00000001.BIN")
-    level = {"latitude_rad": 0.6, "longitude_rad": 2.1, "rms_error_rad": 0.0, "travel_rad": 0.0, "wave_period_s": 6.0}
-    minutes = [Minute(1.8e9 + 60.0 * n, 60.0, 15, armed=True, faults=0, **level) for n in range(100)]
-    rows = [SAILING.pack(60.0 * n, one) + UPKEEP.pack(60.0 * n, one) for n, one in enumerate(minutes)]
+    constants = {
+        "latitude_rad": 0.6,
+        "longitude_rad": 2.1,
+        "rms_error_rad": 0.0,
+        "travel_rad": 0.0,
+        "wave_period_s": 6.0,
+    }
+    minutes = [Minute(1.8e9 + 60.0 * n, 60.0, 15, armed=True, faults=0, **constants) for n in range(100)]
+    rows = [SAILING.pack(60.0 * n, minute) + UPKEEP.pack(60.0 * n, minute) for n, minute in enumerate(minutes)]
     (logs / "thin" / "00000001.BIN").write_bytes(HEAD + b"".join(rows))
     assert rambler_hil("report", tmp_path, "--out", tmp_path / "page.html")[0] == 0
     browser.look(1280, 900)
@@ -167,7 +173,7 @@ def serve(port=0):
     return server, hub
 
 
-GOOD = {
+STATUS = {
     "vehicle": "boat", "pid": 7, "written_machine_s": 100.0, "utc_s": 1.8e9, "uptime_s": 50.0, "mode": "GUIDED",
     "armed": True, "heading_ok": True, "heading_deg": 359.97, "heading_age_s": 0.1, "goal_deg": 10.0, "error_deg": 10.0,
     "faults": [], "plan_identities": [0, 0, 0], "links": [], "estimate": {"heading_deg": 359.97, "wave_sd_deg": 3.0},
@@ -176,31 +182,31 @@ GOOD = {
     "position": {"ok": True, "age_s": 0.4, "lat_deg": 36.0, "lon_deg": 121.0, "sog_m_s": 0.52, "cog_deg": 12.0},
     "rudder": {"ok": True, "age_s": 0.1, "angle_deg": 4.0, "command_deg": 4.0}, "energy": {"travel_deg_per_h": 405.0},
 }  # fmt: skip
-LOST = {
+LOST_CHANGES = {
     "heading_ok": False,
     "heading_age_s": 35.0,
-    "position": {**GOOD["position"], "ok": False, "age_s": 95.0},
+    "position": {**STATUS["position"], "ok": False, "age_s": 95.0},
     "faults": [
         {"fault": fault, "severity": "error", "text": text, "since_s": 30.0}
         for fault, text in (("COMPASS_LOST", "No valid heading"), ("POSITION_LOST", "GPS position lost"))
     ],
-    "devices": [{**GOOD["devices"][0], "state": "absent", "rate_hz": 0.0, "age_s": 35.0, "error": "no port"}],
+    "devices": [{**STATUS["devices"][0], "state": "absent", "rate_hz": 0.0, "age_s": 35.0, "error": "no port"}],
 }
 CARD = "document.querySelector('#now-{}').parentNode"
 
 
 def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(browser):
-    found = [FoundStatus(Freshness.RUNNING, GOOD, 0.0)]
+    status = [FoundStatus(Freshness.RUNNING, STATUS, 0.0)]
     history = History()
-    feed = Feed(history, lambda: found[0], dict, {"POSITION_LOST": "look at the antenna"})
+    feed = Feed(history, lambda: status[0], dict, {"POSITION_LOST": "look at the antenna"})
     feed.take_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
     hub = Hub(history.whole)
     server = ViewServer(("127.0.0.1", 0), Guard("", loopback=True), hub)
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
 
     def publish(**changes):
-        content = found[0].content
-        found[0] = FoundStatus(
+        content = status[0].content
+        status[0] = FoundStatus(
             Freshness.RUNNING, content | {"written_machine_s": content["written_machine_s"] + 1} | changes, 0.0
         )
         hub.publish(lambda: (feed.poll(), history.epoch))
@@ -208,7 +214,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     def text(element):
         return browser.value(f"{element}.innerText").replace("\n\n", "\n")
 
-    def stale(name):
+    def is_stale(name):
         return browser.value(f"{CARD.format(name)}.classList.contains('stale')")
 
     publish()
@@ -222,10 +228,10 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     assert "compass 0.0" in browser.value("document.querySelector('svg.time').textContent")
     for label in ("speed over ground\t0.52 m/s", "wave standard deviation\t3 deg", "valid\tyes", "travel\t405 deg/h"):
         assert label in page_text
-    assert not any(stale(name) for name in ("estimated-heading", "over-ground", "rudder", "goal"))
-    publish(**LOST)
+    assert not any(is_stale(name) for name in ("estimated-heading", "over-ground", "rudder", "goal"))
+    publish(**LOST_CHANGES)
     browser.wait_for("document.querySelectorAll('.faults button').length === 2")
-    assert [stale(name) for name in ("estimated-heading", "over-ground", "rudder")] == [True, True, False]
+    assert [is_stale(name) for name in ("estimated-heading", "over-ground", "rudder")] == [True, True, False]
     assert re.search(r"\b3[5-9] s old", text(CARD.format("estimated-heading")))
     assert re.search(r"\b9[5-9] s old", text(CARD.format("over-ground")))
     assert "What to do: look at the antenna" in text("document.querySelector('.faults')")
@@ -242,10 +248,10 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
         assert browser.contrasts()[0][0] >= 4.5, browser.contrasts()[0]
         assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.value(CLIPPED) == 0
-    began_again = [fault | {"since_s": 1.0} for fault in LOST["faults"]]
-    publish(faults=began_again)
+    new_faults = [fault | {"since_s": 1.0} for fault in LOST_CHANGES["faults"]]
+    publish(faults=new_faults)
     browser.wait_for("[...document.querySelectorAll('.faults button')].every((one) => !one.disabled)")
-    found[0] = FoundStatus(Freshness.STALE, found[0].content, 9.0, "process 7 hangs")
+    status[0] = FoundStatus(Freshness.STALE, status[0].content, 9.0, "process 7 hangs")
     hub.publish(lambda: (feed.poll(), history.epoch))
     browser.wait_for("document.querySelector('#live').classList.contains('stale')")
     assert "No report from the autopilot for" in text("document.querySelector('.banner')")
@@ -279,7 +285,7 @@ def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
 
 
 @pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])
-def test_an_impossible_page_address_is_refused_before_the_run(tmp_path, capsys, listen):
+def test_invalid_page_address_is_refused_before_the_run(tmp_path, capsys, listen):
     code = main(["run", "calm", "--goal", "0:0", "--view", listen, "--out", str(tmp_path / "run")])
     output = capsys.readouterr()
     assert (code, output.out, len(output.err.splitlines())) == (2, "", 1)
@@ -289,35 +295,35 @@ def test_an_impossible_page_address_is_refused_before_the_run(tmp_path, capsys, 
 
 @pytest.mark.proof
 def test_ten_readers_delay_no_tick(tmp_path):
-    """In real time; on a quiet machine: pytest -m proof tests/process/test_view.py -s."""
-    late_us = {}
+    """In real time, on an idle machine: pytest -m proof tests/process/test_view.py -s."""
+    lateness_us = {}
     for readers in (0, 10):
         out = tmp_path / str(readers)
         words = ["run", "sea", "--seconds", "120", "--goal", "0:30", "--view", "127.0.0.1:0", "--out", out]
         with start_rambler_hil(*words) as process:
-            port = int(address_of(process).rstrip("/").rpartition(":")[2])
+            port = int(read_address(process).rstrip("/").rpartition(":")[2])
             threads = [threading.Thread(target=events_of, args=(port,)) for _ in range(readers)]
-            for one in threads:
-                one.start()
+            for thread in threads:
+                thread.start()
             assert process.wait(200.0) == 0
-        for one in threads:
-            one.join(60.0)
+        for thread in threads:
+            thread.join(60.0)
         loop = json.loads((out / "summary.json").read_text())["loop"]
-        late_us[readers] = loop["lateness_us"]
+        lateness_us[readers] = loop["lateness_us"]
         print(f"{readers} readers: skipped {loop['skipped']}, late {loop['lateness_us']}")
         assert loop["skipped"] == 0
-    assert late_us[10]["p50"] <= 2.0 * late_us[0]["p50"] + 100.0
-    assert late_us[10]["p99"] <= 2.0 * late_us[0]["p99"] + 1000.0
+    assert lateness_us[10]["p50"] <= 2.0 * lateness_us[0]["p50"] + 100.0
+    assert lateness_us[10]["p99"] <= 2.0 * lateness_us[0]["p99"] + 1000.0
 
 
 @pytest.mark.proof
-def test_the_page_of_an_estimate(tmp_path, browser):
+def test_page_of_an_estimate(tmp_path, browser):
     path, figures = tmp_path / "page.html", tmp_path / "estimate.json"
     words = ["estimate", REPLAY / "second_compass.BIN", "--page", path, "--json", figures]
     assert rambler_hil(*words)[0] == 0
     browser.open(path.as_uri())
     browser.wait_for("document.querySelectorAll('path.line').length > 8")
-    assert_fit_for_people(browser, path.as_uri())
+    assert_readable(browser, path.as_uri())
     (fault,) = json.loads(figures.read_text())["faults"]
     assert fault["name"] in browser.value("document.querySelector('tr[data-time]').innerText")
     browser.value("document.querySelector('tr[data-time]').click()")

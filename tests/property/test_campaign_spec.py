@@ -1,4 +1,4 @@
-"""Specifications of campaigns of any shape: sailed as they say, or refused with lines that name what is wrong."""
+"""Campaign specifications of any shape are read, or refused with lines that name each problem."""
 
 import functools
 
@@ -28,8 +28,8 @@ WORDS = st.sampled_from(["K", "T", "what", "at_s", "for_s", "CTL_PRICE", "rms_de
 TABLES = st.dictionaries(WORDS, VALUES, max_size=4)
 
 
-def judged(reader):
-    """Return a specification, or None, and the lines that it is refused with."""
+def read_or_refuse(reader):
+    """Return the specification, None if it is refused, and the lines of the refusal."""
     try:
         return reader(), []
     except (SpecError, UsageError) as error:
@@ -37,15 +37,15 @@ def judged(reader):
 
 
 @given(st.dictionaries(st.sampled_from(KEYS) | TEXTS, VALUES | TABLES, max_size=5))
-def test_any_content_is_drawn_from_or_refused_by_name(more):
-    spec, problems = judged(lambda: read({**COMPILED, "runs": 3, **more}))
+def test_any_content_gives_rows_or_is_refused_by_name(content):
+    spec, problems = read_or_refuse(lambda: read({**COMPILED, "runs": 3, **content}))
     assert all(line.isprintable() and ": " in line for line in problems)
     if spec is None:
         assert problems
         return
-    first = list(rows(spec, 0, min(3, spec.runs)))
+    first_rows = list(rows(spec, 0, min(3, spec.runs)))
     assert all(draw.ends()[0] is not None for draw in spec.draws.values())
-    assert [row.seconds for row in first] == [spec.seconds] * len(first)
+    assert [row.seconds for row in first_rows] == [spec.seconds] * len(first_rows)
 
 
 @functools.cache
@@ -54,14 +54,14 @@ def example():
 
 
 @given(st.data())
-def test_a_file_with_other_bytes_in_it_is_read_or_refused_in_lines(tmp_path_factory, data):
-    content = bytearray(example())
+def test_file_with_changed_bytes_is_read_or_refused_with_its_path(tmp_path_factory, data):
+    data_bytes = bytearray(example())
     for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(content) - 1))
-        content[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=6))
+        position = data.draw(st.integers(0, len(data_bytes) - 1))
+        data_bytes[position : position + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=6))
     path = tmp_path_factory.getbasetemp() / "spec.toml"
-    path.write_bytes(content)
-    spec, problems = judged(lambda: read_spec(path))
+    path.write_bytes(data_bytes)
+    spec, problems = read_or_refuse(lambda: read_spec(path))
     assert (spec is None) == bool(problems)
     assert all(line.startswith(f"{path}: ") for line in problems)
 
@@ -69,7 +69,7 @@ def test_a_file_with_other_bytes_in_it_is_read_or_refused_in_lines(tmp_path_fact
 @pytest.mark.parametrize(
     "text", ["x = " + 5000 * "[", "runs = " + 5000 * "1", "a.b.c = 1\na = 2", "engine = 1979-05-27"]
 )
-def test_a_file_that_breaks_readers_is_refused(tmp_path, text):
+def test_nested_long_or_contradictory_file_is_refused(tmp_path, text):
     path = tmp_path / "spec.toml"
     path.write_text(text)
     with pytest.raises(UsageError):

@@ -24,20 +24,21 @@ class StillBoat:
         return 0.0
 
 
+def rng():
+    return np.random.default_rng(1)
+
+
 DYNAMIXEL_PING = bytes.fromhex("FFFFFD0001030001194E")
 PNI_MOD_INFO = bytes.fromhex("000501EFD4")
 MTI_GOTO_CONFIG = bytes.fromhex("FAFF3000D1")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
 
+# Device -> emulator, request, and the start of its reply.
 DEVICES = {
-    "dynamixel": (
-        lambda: DynamixelEmulator(ServoShaft(), np.random.default_rng(1)),
-        DYNAMIXEL_PING,
-        b"\xff\xff\xfd\x00\x01\x07\x00\x55",
-    ),
-    "pni": (lambda: PniTcmEmulator(StillBoat(), np.random.default_rng(1)), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
-    "mti": (lambda: MtiEmulator(StillBoat(), np.random.default_rng(1)), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
-    "volz": (lambda: VolzEmulator(ServoShaft(), np.random.default_rng(1)), VOLZ_CURRENT, b"\x30\x01"),
+    "dynamixel": (lambda: DynamixelEmulator(ServoShaft(), rng()), DYNAMIXEL_PING, b"\xff\xff\xfd\x00\x01\x07\x00\x55"),
+    "pni": (lambda: PniTcmEmulator(StillBoat(), rng()), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
+    "mti": (lambda: MtiEmulator(StillBoat(), rng()), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
+    "volz": (lambda: VolzEmulator(ServoShaft(), rng()), VOLZ_CURRENT, b"\x30\x01"),
 }
 # Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.one_of(
@@ -111,9 +112,7 @@ def test_output_is_repeatable_for_the_same_input_and_seed(name, stream, seed):
     gaps=st.lists(st.floats(0.0, 3.0), min_size=1, max_size=30),
 )
 def test_nmea_compass_outputs_only_complete_sentences(rate_hz, phase_s, baud, gaps):
-    compass = NmeaCompassEmulator(
-        StillBoat(), np.random.default_rng(1), rate_hz=rate_hz, phase_s=phase_s, baud=baud, rot=True
-    )
+    compass = NmeaCompassEmulator(StillBoat(), rng(), rate_hz=rate_hz, phase_s=phase_s, baud=baud, rot=True)
     now_s, output = 0.0, b""
     for gap_s in gaps:
         now_s += gap_s

@@ -1,4 +1,4 @@
-"""Whatever is asked of file transfer, it answers at most once, and nothing outside the uploads is touched."""
+"""File transfer replies once to any request, and never reads or changes a file outside its directories."""
 
 import struct
 import tempfile
@@ -14,7 +14,7 @@ from firmware_py.link.telemetry.identity import Version
 from support.link import FakeRequestHandler, MemoryTransport
 
 NAMES = st.sampled_from(
-    ["..", ".", "", "logs", "uploads", "secret", "a", "b", "way", "@PARAM", "param.pck?start=1&count=9999999", "\x00"]
+    ["..", ".", "", "logs", "uploads", "secret", "a", "b", "link", "@PARAM", "param.pck?start=1&count=9999999", "\x00"]
 )
 PATHS = st.lists(NAMES, max_size=5).map(lambda names: "/".join(names).encode())
 DATA = st.one_of(PATHS, st.binary(max_size=239), st.tuples(PATHS, PATHS).map(b"\0".join))
@@ -24,7 +24,7 @@ REQUEST = st.tuples(
 )  # fmt: skip
 
 
-def outside(root):
+def files_outside_uploads(root):
     return {
         path.relative_to(root): path.read_bytes() if path.is_file() else None
         for path in root.rglob("*")
@@ -33,15 +33,15 @@ def outside(root):
 
 
 @given(st.lists(REQUEST, min_size=1, max_size=25))
-def test_hostile_requests_are_answered_and_stay_inside(requests):
+def test_any_request_gets_one_reply_and_stays_inside_the_directories(requests):
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         for directory in ("logs", "uploads"):
             (root / directory).mkdir()
         (root / "logs" / "a").write_bytes(b"log" * 1000)
         (root / "secret").write_bytes(b"secret")
-        (root / "uploads" / "way").symlink_to(root)
-        before = outside(root)
+        (root / "uploads" / "link").symlink_to(root)
+        previous = files_outside_uploads(root)
         transport = MemoryTransport()
         storage = FileRoot(dict, root / "logs", root / "uploads")
         endpoint = Endpoint([transport], FakeRequestHandler(), utc_s=lambda: 0.0, version=Version(), storage=storage)
@@ -51,17 +51,17 @@ def test_hostile_requests_are_answered_and_stay_inside(requests):
             transport.sent.clear()
             fields = (sequence, session, opcode, len(data[:239]) if size is None else size, 0, 0, 0, offset, data)
             payload = struct.pack("<HBBBBBBI239s", *fields)
-            message = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
-            transport.inbox.append(("station", message.pack(station)))
+            request = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+            transport.inbox.append(("station", request.pack(station)))
             endpoint.service(0.0, [transport.descriptor])
             while endpoint.busy:
                 endpoint.service(0.0, [])
             messages = mavlink.MAVLink(None).parse_buffer(b"".join(data for _, data in transport.sent)) or []
-            replies = [bytes(one.payload) for one in messages if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
+            replies = [bytes(message.payload) for message in messages if message.get_type() == "FILE_TRANSFER_PROTOCOL"]
             assert len(replies) == (opcode not in (128, 129)) or opcode == 15
             for index, reply in enumerate(replies):
                 assert int.from_bytes(reply[:2], "little") == (sequence + 1 + index) & 0xFFFF
                 assert (reply[2], reply[5]) == (session, opcode)
                 assert b"secret" not in reply[12 : 12 + reply[4]] or opcode in (3, 16)
-            assert outside(root) == before
+            assert files_outside_uploads(root) == previous
         endpoint.close()

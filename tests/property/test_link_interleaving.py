@@ -1,6 +1,6 @@
-"""Several stations at once: whatever they ask for in whatever order, nothing raises and nothing is mixed up.
+"""Several ground stations at once: requests in any order raise no exception and are not mixed up.
 
-The disk answers when the test says so; logs come and go meanwhile, as they do when room is made for new ones.
+The test decides when disk jobs complete. Logs are added and removed meanwhile, as by pruning.
 """
 
 import tempfile
@@ -18,13 +18,13 @@ from firmware_py.link.files.tree import FileRoot
 from support.ftp import FtpStation
 from support.link import Rig, of_type
 
-# Two of them have the number that every ground station has unless it is reported otherwise.
+# Two stations have the default system id of ground stations.
 STATIONS = {"one": (255, 190), "two": (255, 190), "three": (254, 190)}
 LOG_BYTES = 60_000
 
 
 class SlowWorker:
-    """Does a job when it is reported to, in order; the results wait for `poll`."""
+    """A worker that runs one job at each call of `work` and delivers the results at `poll`."""
 
     def __init__(self, *, background):
         assert background
@@ -49,8 +49,8 @@ class SlowWorker:
             job, done = self.jobs.popleft()
             try:
                 result = job()
-            except Exception as failure:  # noqa: BLE001 - as the real one does
-                result = failure
+            except Exception as error:  # noqa: BLE001 - as the real worker does
+                result = error
             self.results.append((done, result))
 
     def poll(self):
@@ -62,23 +62,23 @@ class SlowWorker:
         pass
 
 
-class Author:
-    """What a station uploads: each plan of its own, reported by the longitude of its items."""
+class PlanAuthor:
+    """Source of the plans of a station; all items of a plan have the same, unique longitude."""
 
-    def __init__(self, place):
-        self.longitude = place * 1_000_000
+    def __init__(self, number):
+        self.longitude = number * 1_000_000
 
     def begin(self, count):
         self.longitude += 1000
         return mavlink.MAVLink_mission_count_message(1, 1, count, 0)
 
     def item(self, sequence):
-        place = (360_000_000 + sequence, self.longitude, 0.0)
-        return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place, 0)
+        number = (360_000_000 + sequence, self.longitude, 0.0)
+        return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *number, 0)
 
 
-class Sea:
-    """A boat with logs, and stations that ask for them."""
+class BoatWithLogs:
+    """A boat with logs, and its ground stations."""
 
     def __init__(self, root):
         self.logs = root / "logs"
@@ -91,7 +91,7 @@ class Sea:
         self.rig = Rig(storage=storage, addresses=tuple(STATIONS))
         self.worker = self.rig.endpoint._worker
         self.clients = {}
-        self.authors = {name: Author(place) for place, name in enumerate(STATIONS, start=1)}
+        self.authors = {name: PlanAuthor(number) for number, name in enumerate(STATIONS, start=1)}
         for name, (system, component) in STATIONS.items():
             self.clients[name] = FtpStation(self.rig, name), mavlink.MAVLink(None, system, component)
         self.tick()
@@ -115,7 +115,7 @@ class Sea:
         self.check()
 
     def check(self):
-        """A block of a log is of one log, and where it says it is."""
+        """Check that blocks belong to one log and that the mission belongs to one upload."""
         for block in of_type(self.rig.replies(), "LOG_DATA"):
             assert len(set(block.data[: block.count])) <= 1
             assert block.ofs + block.count <= LOG_BYTES or block.count == 0
@@ -140,18 +140,18 @@ class Sea:
         self.check()
 
     def lose_station(self):
-        """One connection goes, as those of TCP do; when there is none left, all come back."""
+        """Close a connection, like one of TCP; after the last one, all stations connect again."""
         self.rig.transport.datagrams = False
         self.rig.transport.served = self.rig.transport.served[1:] or tuple(STATIONS)
         self.tick()
 
 
-WHO = st.sampled_from(sorted(STATIONS))
-NUMBERS = st.sampled_from([0, 1, 2, 0xFFFF])
+STATION_NAMES = st.sampled_from(sorted(STATIONS))
+LOG_NUMBERS = st.sampled_from([0, 1, 2, 0xFFFF])
 STARTS = st.sampled_from([0, 90, LOG_BYTES - 1, LOG_BYTES, 0xFFFFFFFF])
 COUNTS = st.sampled_from([90, 46_080, 0xFFFFFFFF])
-LIST = st.builds(mavlink.MAVLink_log_request_list_message, st.just(1), st.just(1), NUMBERS, NUMBERS)
-DATA = st.builds(mavlink.MAVLink_log_request_data_message, st.just(1), st.just(1), NUMBERS, STARTS, COUNTS)
+LIST = st.builds(mavlink.MAVLink_log_request_list_message, st.just(1), st.just(1), LOG_NUMBERS, LOG_NUMBERS)
+DATA = st.builds(mavlink.MAVLink_log_request_data_message, st.just(1), st.just(1), LOG_NUMBERS, STARTS, COUNTS)
 STREAM = st.just(mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 0xFFFFFFFF))
 END = st.just(mavlink.MAVLink_log_request_end_message(1, 1))
 ERASE = st.just(mavlink.MAVLink_log_erase_message(1, 1))
@@ -169,36 +169,36 @@ PLANS = st.one_of(
     st.just(mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)),
     st.just(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
 )
-EVENTS = {
-    "tick": Sea.tick,
-    "the disk works": Sea.work,
-    "the disk answers": Sea.answer,
-    "a log begins": Sea.begin_log,
-    "room is made": Sea.remove_oldest,
-    "all logs go": Sea.remove_all,
-    "a station goes": Sea.lose_station,
+BOAT_ACTIONS = {
+    "tick": BoatWithLogs.tick,
+    "disk works": BoatWithLogs.work,
+    "disk completes": BoatWithLogs.answer,
+    "log begins": BoatWithLogs.begin_log,
+    "oldest log is removed": BoatWithLogs.remove_oldest,
+    "all logs are removed": BoatWithLogs.remove_all,
+    "station disconnects": BoatWithLogs.lose_station,
 }
-EVENT = st.tuples(st.just("sea"), st.sampled_from(sorted(EVENTS)))
+BOAT_ACTION = st.tuples(st.just("boat"), st.sampled_from(sorted(BOAT_ACTIONS)))
 
 
 def run(steps):
-    """Do one thing after the other, then let everything come to its end."""
+    """Execute the steps, then complete all jobs."""
     with tempfile.TemporaryDirectory() as name:
-        sea = Sea(Path(name))
-        for who, what in steps:
-            if who == "sea":
-                EVENTS[what](sea)
-            elif isinstance(what, tuple):
-                opcode, path, session = what
-                sea.feed(who, sea.clients[who][0].request(opcode, path, session=session))
-            elif callable(what):
-                sea.feed(who, what(sea.authors[who]))
+        boat = BoatWithLogs(Path(name))
+        for source, action in steps:
+            if source == "boat":
+                BOAT_ACTIONS[action](boat)
+            elif isinstance(action, tuple):
+                opcode, path, session = action
+                boat.feed(source, boat.clients[source][0].request(opcode, path, session=session))
+            elif callable(action):
+                boat.feed(source, action(boat.authors[source]))
             else:
-                sea.feed(who, what)
+                boat.feed(source, action)
         for _ in range(20):
-            sea.work()
-            sea.tick()
-        assert not sea.worker.jobs
+            boat.work()
+            boat.tick()
+        assert not boat.worker.jobs
 
 
 @pytest.fixture
@@ -211,32 +211,39 @@ INTERLEAVED = settings(suppress_health_check=[HealthCheck.function_scoped_fixtur
 
 @pytest.mark.usefixtures("slow_disk")
 @INTERLEAVED
-@given(st.lists(st.tuples(WHO, LIST | DATA | STREAM | END | ERASE) | EVENT, min_size=4, max_size=30))
-def test_stations_that_fetch_and_erase_logs_at_once_get_no_mixture(steps):
+@given(st.lists(st.tuples(STATION_NAMES, LIST | DATA | STREAM | END | ERASE) | BOAT_ACTION, min_size=4, max_size=30))
+def test_concurrent_log_requests_and_erasures_are_not_mixed(steps):
     run(steps)
 
 
 @pytest.mark.usefixtures("slow_disk")
 @INTERLEAVED
-@given(st.lists(st.tuples(WHO, FILES) | st.tuples(WHO, LIST | ERASE) | EVENT, min_size=4, max_size=30))
-def test_stations_that_use_files_at_once_are_served(steps):
+@given(
+    st.lists(
+        st.tuples(STATION_NAMES, FILES) | st.tuples(STATION_NAMES, LIST | ERASE) | BOAT_ACTION, min_size=4, max_size=30
+    )
+)
+def test_concurrent_file_requests_raise_nothing(steps):
     run(steps)
 
 
 @pytest.mark.usefixtures("slow_disk")
 @INTERLEAVED
-@given(st.lists(st.tuples(WHO, PLANS) | EVENT, min_size=4, max_size=40))
-def test_stations_that_upload_at_once_leave_one_plan_whole(steps):
+@given(st.lists(st.tuples(STATION_NAMES, PLANS) | BOAT_ACTION, min_size=4, max_size=40))
+def test_concurrent_uploads_leave_one_complete_plan(steps):
     run(steps)
 
 
 @pytest.mark.usefixtures("slow_disk")
 @INTERLEAVED
 @given(st.data(), st.sampled_from([2500, 3]), st.permutations(range(4)))
-def test_plans_that_follow_each_other_at_any_item_do_not_mix(data, second, order):
-    """Each station sends all of its items at any time, whatever it is asked for."""
-    author = data.draw(WHO)
-    other = data.draw(WHO)
-    begun = [(author, lambda one: one.begin(4)), *((author, lambda one, n=n: one.item(n)) for n in range(2))]
-    again = (other, lambda one: one.begin(second))
-    run([*begun, again, *((other, lambda one, n=n: one.item(n)) for n in sorted(order))])
+def test_upload_that_interrupts_another_is_not_mixed_with_it(data, second_count, order):
+    """The second station sends its items in any order, regardless of the requests."""
+    author = data.draw(STATION_NAMES)
+    other = data.draw(STATION_NAMES)
+    first_upload = [
+        (author, lambda plan_author: plan_author.begin(4)),
+        *((author, lambda plan_author, n=n: plan_author.item(n)) for n in range(2)),
+    ]
+    second_start = (other, lambda plan_author: plan_author.begin(second_count))
+    run([*first_upload, second_start, *((other, lambda plan_author, n=n: plan_author.item(n)) for n in sorted(order))])

@@ -1,4 +1,4 @@
-"""Whatever a tick computes from is read back bit for bit; damage never invents a tick."""
+"""The inputs of ticks are read from the log bit for bit, and damage never produces a tick that was not written."""
 
 import functools
 import itertools
@@ -32,26 +32,28 @@ from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
-anything = st.floats(allow_nan=False)  # requests are the ground's: repr distinguishes all but the payload of NaN
-maybe = st.none() | finite
+any_float = st.floats(allow_nan=False)  # in requests; comparison by repr excludes NaN
+optional = st.none() | finite
 flags = st.booleans()
-bytes_of_one = st.integers(0, 255)
+byte_values = st.integers(0, 255)
 counts = st.integers(0, 2**63)
 
 headings = st.builds(
-    HeadingSample, finite, finite, st.sampled_from(NorthReference), maybe, maybe, maybe, maybe, maybe, bytes_of_one
-)
-positions = st.builds(
-    PositionSample,
+    HeadingSample,
     finite,
-    st.sampled_from(FixType),
-    *[maybe] * 5,
-    st.none() | st.integers(-(2**53), 2**53),
-    maybe,
-    maybe,
+    finite,
+    st.sampled_from(NorthReference),
+    optional,
+    optional,
+    optional,
+    optional,
+    optional,
+    byte_values,
 )
+satellites = st.none() | st.integers(-(2**53), 2**53)
+positions = st.builds(PositionSample, finite, st.sampled_from(FixType), *[optional] * 5, satellites, optional, optional)
 feedback = st.builds(
-    RudderFeedback, finite, maybe, maybe, maybe, maybe, st.integers(0, 2**32 - 1), st.none() | st.booleans()
+    RudderFeedback, finite, optional, optional, optional, optional, st.integers(0, 2**32 - 1), st.none() | st.booleans()
 )
 devices = st.builds(
     DeviceHealth, finite, st.sampled_from(DeviceRole), st.sampled_from(DeviceState), counts, counts, st.text()
@@ -59,53 +61,42 @@ devices = st.builds(
 intents = st.one_of(
     st.builds(SetMode, st.integers()),
     st.builds(Arm, flags, flags),
-    st.builds(SteerHeading, anything, flags, flags, st.integers(), flags),
-    st.builds(SteerPosition, anything, anything, flags),
-    st.builds(ManualRudder, st.none() | anything),
-    st.builds(SetParameter, st.text() | st.sampled_from(["CTL_K1", "LOOP_RATE_HZ"]), anything),
+    st.builds(SteerHeading, any_float, flags, flags, st.integers(), flags),
+    st.builds(SteerPosition, any_float, any_float, flags),
+    st.builds(ManualRudder, st.none() | any_float),
+    st.builds(SetParameter, st.text() | st.sampled_from(["CTL_K1", "LOOP_RATE_HZ"]), any_float),
 )
-requests = st.builds(Request, finite, intents, bytes_of_one, bytes_of_one)
+requests = st.builds(Request, finite, intents, byte_values, byte_values)
 ticks = st.builds(Tick, counts, finite, finite, counts, finite)
 
 
-def few(strategy):
+def short_tuples(strategy):
     return st.lists(strategy, max_size=3).map(tuple)
 
 
-inputs_of_a_tick = st.builds(Inputs, ticks, few(headings), few(positions), few(feedback), few(devices), few(requests))
-commands = st.builds(RudderCommand, anything, flags)
+inputs_of_a_tick = st.builds(
+    Inputs,
+    ticks,
+    short_tuples(headings),
+    short_tuples(positions),
+    short_tuples(feedback),
+    short_tuples(devices),
+    short_tuples(requests),
+)
+commands = st.builds(RudderCommand, any_float, flags)
 
 
 def output_for(inputs, command):
+    unknown = "yaw_rate_rad_s roll_rad pitch_rad goal_heading_rad heading_error_rad bearing_rad distance_m rudder_rad"
     snapshot = Snapshot(
-        t_s=inputs.tick.t_s,
-        tick=inputs.tick.index,
-        mode=Mode.GUIDED,
-        armed=True,
-        heading_rad=0.1,
-        heading_ok=True,
-        yaw_rate_rad_s=None,
-        roll_rad=None,
-        pitch_rad=None,
-        goal_heading_rad=None,
-        heading_error_rad=None,
-        bearing_rad=None,
-        distance_m=None,
-        rudder_rad=None,
-        rudder_command_rad=command.shaft_rad,
-        rudder_ok=False,
-        servo=None,
-        position=None,
-        position_ok=False,
-        faults=0,
-        rate_hz=10.0,
-        skipped_total=0,
-        late_s=0.0,
-    )
+        t_s=inputs.tick.t_s, tick=inputs.tick.index, mode=Mode.GUIDED, armed=True, heading_rad=0.1, heading_ok=True,
+        rudder_command_rad=command.shaft_rad, rudder_ok=False, servo=None, position=None, position_ok=False, faults=0,
+        rate_hz=10.0, skipped_total=0, late_s=0.0, **dict.fromkeys(unknown.split()),
+    )  # fmt: skip
     return Output(command, snapshot, (Event(Severity.INFO, "é" * 40),))
 
 
-def log_of(run, checkpoint="state"):
+def write_log(ticks_of_run, checkpoint="state"):
     with tempfile.TemporaryDirectory() as directory:
         recorder = LogRecorder(
             Path(directory),
@@ -116,30 +107,30 @@ def log_of(run, checkpoint="state"):
             software="Rambler",
             background=False,
         )
-        for inputs, command in run:
+        for inputs, command in ticks_of_run:
             recorder.offer(inputs, output_for(inputs, command), lambda: checkpoint)
         recorder.close()
         assert recorder.health(0.0).rejected == 0
         return (Path(directory) / "00000001.BIN").read_bytes()
 
 
-@given(run=st.lists(st.tuples(inputs_of_a_tick, commands), min_size=1, max_size=3), checkpoint=st.text())
-def test_every_tick_is_read_back_bit_for_bit(run, checkpoint):
-    reader = LogReader(log_of(run, checkpoint))
-    read = list(reader)
-    assert [(tick.inputs, tick.command) for tick in read] == run
+@given(ticks_of_run=st.lists(st.tuples(inputs_of_a_tick, commands), min_size=1, max_size=3), checkpoint=st.text())
+def test_every_tick_is_read_back_bit_for_bit(ticks_of_run, checkpoint):
+    reader = LogReader(write_log(ticks_of_run, checkpoint))
+    logged = list(reader)
+    assert [(tick.inputs, tick.command) for tick in logged] == ticks_of_run
     # repr distinguishes -0.0 from 0.0, True from 1 and a number from its enumeration.
-    assert repr([(tick.inputs, tick.command) for tick in read]) == repr(run)
-    assert [tick.checkpoint for tick in read] == [checkpoint] + [None] * (len(run) - 1)
+    assert repr([(tick.inputs, tick.command) for tick in logged]) == repr(ticks_of_run)
+    assert [tick.checkpoint for tick in logged] == [checkpoint] + [None] * (len(ticks_of_run) - 1)
     assert reader.reading.damaged == reader.reading.garbage_bytes == reader.reading.tail_bytes == 0
 
 
 @functools.cache
-def plain_log():
+def example_log():
     tick = [
         Inputs(Tick(n, n * 0.1, 0.0, 0, 10.0), (HeadingSample(n * 0.1, 0.1, NorthReference.TRUE),)) for n in range(8)
     ]
-    return log_of([(inputs, RudderCommand(0.01 * n, True)) for n, inputs in enumerate(tick)])
+    return write_log([(inputs, RudderCommand(0.01 * n, True)) for n, inputs in enumerate(tick)])
 
 
 @given(
@@ -147,29 +138,29 @@ def plain_log():
         st.tuples(st.integers(0, 2**16), st.integers(0, 300), st.binary(max_size=100)), min_size=1, max_size=5
     )
 )
-def test_damage_loses_ticks_but_never_invents_one(damage):
-    whole = {tick.inputs.tick.index: (tick.inputs, tick.command) for tick in LogReader(plain_log())}
-    data = plain_log()
-    for at, removed, inserted in damage:
-        place = at % (len(data) + 1)
-        data = data[:place] + inserted + data[place + removed :]
+def test_damage_loses_ticks_but_never_produces_one(damage):
+    ticks_by_index = {tick.inputs.tick.index: (tick.inputs, tick.command) for tick in LogReader(example_log())}
+    data = example_log()
+    for offset, removed, inserted in damage:
+        position = offset % (len(data) + 1)
+        data = data[:position] + inserted + data[position + removed :]
     try:
         reader = LogReader(data)
-        read = list(reader)
-    except ValueError:  # the description of the frame is hit: another version
+        logged = list(reader)
+    except ValueError:  # damage of the frame format: as another version
         return
-    if reader.reading.notes:  # the description of a column is hit, which is said
+    if reader.reading.notes:  # damage of a column format, which is reported
         return
-    assert all((tick.inputs, tick.command) == whole[tick.inputs.tick.index] for tick in read)
-    order = [tick.inputs.tick.index for tick in read]
+    assert all((tick.inputs, tick.command) == ticks_by_index[tick.inputs.tick.index] for tick in logged)
+    order = [tick.inputs.tick.index for tick in logged]
     assert order == sorted(set(order))
-    for before, tick in itertools.pairwise(read):
-        assert tick.gap == (tick.inputs.tick.index != before.inputs.tick.index + 1)
+    for previous, tick in itertools.pairwise(logged):
+        assert tick.gap == (tick.inputs.tick.index != previous.inputs.tick.index + 1)
 
 
 @given(st.lists(st.binary(max_size=40) | st.just(b"\xa3\x95\x80") | st.just(b"\xa3\x95"), max_size=40).map(b"".join))
 def test_any_bytes_are_parsed_to_the_end(data):
     parser = Parser(data)
-    found = sum(one.length for one, _ in parser)
-    assert found + parser.garbage_bytes + parser.tail_bytes == len(data)
+    parsed_bytes = sum(record_format.length for record_format, _ in parser)
+    assert parsed_bytes + parser.garbage_bytes + parser.tail_bytes == len(data)
     assert list(LogReader(data)) == []

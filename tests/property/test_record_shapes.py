@@ -1,4 +1,4 @@
-"""Records of any other shape are read, or refused with ValueError and nothing else."""
+"""Records of any shape are read, or refused with ValueError."""
 
 import functools
 import itertools
@@ -26,7 +26,7 @@ LOG = REPLAY / "mid_run_checkpoint.BIN"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
 
 
-def wake(data):
+def restore_start(data):
     return restore(START, data, Moment(1767225660.0))
 
 
@@ -40,95 +40,97 @@ def resume_record():
 
 
 MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, x=number) for number in range(3)])
-WRITTEN = {
+RECORDS = {
     "checkpoint": lambda: json.loads(checkpoint()),
     "resume": resume_record,
     "plan": lambda: json.loads(plan_to_text(MISSION)),
 }
-READ = {
+READERS = {
     "checkpoint": lambda plain: state_from_text(json.dumps(plain)),
-    "resume": lambda plain: wake(msgspec.msgpack.encode(plain)),
+    "resume": lambda plain: restore_start(msgspec.msgpack.encode(plain)),
     "plan": lambda plain: plan_from_text(json.dumps(plain)),
 }
-scalars = st.none() | st.booleans() | st.integers(-(1 << 63), (1 << 64) - 1) | st.floats() | st.text(max_size=5)
-junk = st.recursive(
-    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+SCALARS = st.none() | st.booleans() | st.integers(-(1 << 63), (1 << 64) - 1) | st.floats() | st.text(max_size=5)
+JSON_VALUES = st.recursive(
+    SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
 )
-kinds = st.sampled_from(sorted(READ))
+KINDS = st.sampled_from(sorted(READERS))
 
 
-def places(data):
-    """Every key of every record, at any depth."""
+def record_keys(data):
+    """Yield each record and key of nested data."""
     if isinstance(data, dict):
         for name, value in data.items():
             yield data, name
-            yield from places(value)
+            yield from record_keys(value)
     elif isinstance(data, list):
         for value in data:
-            yield from places(value)
+            yield from record_keys(value)
 
 
-def chosen(draw, data):
-    found = list(places(data))
-    return [found[index] for index in draw(st.lists(st.integers(0, len(found) - 1), min_size=1, max_size=8))]
+def draw_keys(draw, data):
+    keys = list(record_keys(data))
+    return [keys[index] for index in draw(st.lists(st.integers(0, len(keys) - 1), min_size=1, max_size=8))]
 
 
 @functools.cache
-def some_inputs():
+def first_inputs():
     return tuple(tick.inputs for tick in itertools.islice(read_log(LOG), 4))
 
 
-def read(kind, data):
+def read_record(kind, data):
     try:
-        record, notes = READ[kind](data)
+        record, notes = READERS[kind](data)
     except ValueError as error:
-        assert len(str(error)) < 1000  # noqa: PT017 -- both ways are right
+        assert len(str(error)) < 1000  # noqa: PT017 - an error is allowed
         return None, ()
     assert len(notes) <= MAX_NOTES + 1
     assert all(note and "\n" not in note for note in notes)
     return record, notes
 
 
-@given(kind=kinds, data=st.data())
-def test_any_fields_can_be_dropped(kind, data):
-    text = WRITTEN[kind]()
+@given(kind=KINDS, data=st.data())
+def test_any_fields_can_be_missing(kind, data):
+    text = RECORDS[kind]()
     dropped = set()
-    for record, name in chosen(data.draw, text):
+    for record, name in draw_keys(data.draw, text):
         record.pop(name, None)
         dropped.add(name)
-    state, _ = read(kind, text)
+    state, _ = read_record(kind, text)
     if kind == "checkpoint":
         assert state is not None or "version" in dropped
 
 
-@given(kind=kinds, data=st.data())
+@given(kind=KINDS, data=st.data())
 def test_any_fields_can_be_added(kind, data):
-    text = WRITTEN[kind]()
-    for record, _ in chosen(data.draw, text):
-        record[data.draw(st.text(max_size=8).filter(lambda name: name not in ("$", "version")))] = data.draw(junk)
-    record, _ = read(kind, text)
+    text = RECORDS[kind]()
+    for record, _ in draw_keys(data.draw, text):
+        record[data.draw(st.text(max_size=8).filter(lambda name: name not in ("$", "version")))] = data.draw(
+            JSON_VALUES
+        )
+    record, _ = read_record(kind, text)
     assert record is not None or kind != "checkpoint"
 
 
 @given(data=st.data())
-def test_a_boat_that_wakes_with_less_goes_on(data):
-    text = WRITTEN["resume"]()
-    for record, name in chosen(data.draw, text):
+def test_autopilot_runs_after_a_resume_with_missing_fields(data):
+    text = RECORDS["resume"]()
+    for record, name in draw_keys(data.draw, text):
         record.pop(name, None)
-    state, _ = read("resume", text)
-    for inputs in some_inputs() if state is not None else ():
+    state, _ = read_record("resume", text)
+    for inputs in first_inputs() if state is not None else ():
         state, _ = step(state, inputs)
 
 
-@given(kind=kinds, data=st.data())
-def test_any_values_can_be_anything(kind, data):
-    text = WRITTEN[kind]()
-    for record, name in chosen(data.draw, text):
-        record[name] = data.draw(junk)
-    read(kind, text)
+@given(kind=KINDS, data=st.data())
+def test_any_values_are_read_or_refused(kind, data):
+    text = RECORDS[kind]()
+    for record, name in draw_keys(data.draw, text):
+        record[name] = data.draw(JSON_VALUES)
+    read_record(kind, text)
 
 
-@given(kind=kinds, data=junk)
-def test_any_other_text_is_refused(kind, data):
+@given(kind=KINDS, data=JSON_VALUES)
+def test_other_json_is_refused(kind, data):
     with pytest.raises(ValueError):
-        READ[kind](data)
+        READERS[kind](data)

@@ -1,4 +1,4 @@
-"""Whatever comes by satellite or from the modem: what is forged, cut, repeated or noise changes nothing."""
+"""Forged, truncated or repeated satellite messages and noise have no effect; any modem output is accepted."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,11 +9,11 @@ from firmware_py.link.satellite.record import Record, from_bytes, to_bytes
 from support.satellite import KEY, SatelliteBoat, set_mode
 
 BOAT = SatelliteBoat(key=KEY)
-RIGHT = BOAT.keyed(set_mode(15))
+VALID_MESSAGE = BOAT.keyed(set_mode(15))
 
 
-def handed_over(*messages):
-    """Return the requests to the boat from these messages of the modem."""
+def receive_from_modem(*messages):
+    """Return a boat whose modem has received these messages."""
     boat = SatelliteBoat(key=KEY)
     boat.transport._driver.modem.imei = boat.modem.imei
     boat.transport._driver.received += list(enumerate(messages))
@@ -21,43 +21,43 @@ def handed_over(*messages):
     return boat
 
 
-@given(st.integers(0, len(RIGHT) - 1), st.integers(1, 255))
-def test_a_message_with_another_byte_changes_nothing(place, change):
-    forged = RIGHT[:place] + bytes((RIGHT[place] ^ change,)) + RIGHT[place + 1 :]
-    boat = handed_over(forged)
+@given(st.integers(0, len(VALID_MESSAGE) - 1), st.integers(1, 255))
+def test_message_with_a_changed_byte_is_refused(position, change):
+    forged = VALID_MESSAGE[:position] + bytes((VALID_MESSAGE[position] ^ change,)) + VALID_MESSAGE[position + 1 :]
+    boat = receive_from_modem(forged)
     assert boat.intents == []
     assert sum(boat.status().refused.values()) == 1
 
 
-@given(st.integers(0, len(RIGHT) - 1), st.binary(max_size=4))
-def test_one_that_is_cut_short_or_goes_on_differently_changes_nothing(length, more):
-    boat = handed_over(RIGHT[:length] + more)
+@given(st.integers(0, len(VALID_MESSAGE) - 1), st.binary(max_size=4))
+def test_message_with_another_end_is_refused(length, tail):
+    boat = receive_from_modem(VALID_MESSAGE[:length] + tail)
     assert boat.intents == []
     assert sum(boat.status().refused.values()) == 1
 
 
 @given(st.binary(min_size=1, max_size=270))
-def test_noise_changes_nothing(noise):
-    assert handed_over(noise).intents == []
+def test_noise_has_no_effect(noise):
+    assert receive_from_modem(noise).intents == []
 
 
 @given(st.lists(st.integers(0, 5), min_size=1, max_size=20))
-def test_each_message_counts_once_in_whatever_order(order):
+def test_each_message_is_executed_once_in_any_order(order):
     messages = [BOAT.keyed(set_mode((0, 3, 4, 5, 10, 11)[number]), at_s=-3600.0 * number) for number in range(6)]
-    boat = handed_over(*(messages[number] for number in order))
+    boat = receive_from_modem(*(messages[number] for number in order))
     assert len(boat.intents) == len(set(order))
 
 
 @given(st.lists(st.integers(0, 10_000), max_size=400))
-def test_no_number_counts_twice_however_many_come(numbers):
-    window, counted = Window(), []
+def test_no_number_is_admitted_twice(numbers):
+    window, accepted = Window(), []
     for number in numbers:
         if window.admits(number):
             window = window.with_number(number)
-            counted.append(number)
+            accepted.append(number)
         assert len(window.used) <= KEPT_NUMBERS
         assert from_bytes(to_bytes(Record(window=window))) == (Record(window=window), ())
-    assert len(counted) == len(set(counted))
+    assert len(accepted) == len(set(accepted))
 
 
 @given(st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([0.1, 5.0, 60.0])), max_size=30))

@@ -105,8 +105,8 @@ def test_drivers_accept_any_bytes_and_give_only_samples_in_range(make, stream, s
 @pytest.mark.parametrize("make", FRAMERS)
 @given(stream=STREAMS, cuts=st.lists(st.integers(0, 400), max_size=8))
 def test_framing_does_not_depend_on_the_pieces(make, stream, cuts):
-    whole = make()
-    expected = whole.feed(stream) + whole.finish()
+    undivided = make()
+    expected = undivided.feed(stream) + undivided.finish()
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     framer = make()
     messages = [message for start, stop in itertools.pairwise(edges) for message in framer.feed(stream[start:stop])]
@@ -185,11 +185,11 @@ def test_two_bit_flips_never_give_a_wrong_heading_pni(heading_deg, first, second
 
 
 @given(st.floats(-180.0, 180.0, width=32), st.integers(0), st.integers(1, 255))
-def test_one_damaged_byte_never_gives_a_wrong_heading_mti(yaw_deg, place, change):
+def test_one_damaged_byte_never_gives_a_wrong_heading_mti(yaw_deg, position, change):
     """The sum detects every damage to one byte, but only 255 of 256 damages to two bytes."""
     packet = bytearray(mti_protocol.encode(0x36, STATUS_GOOD + struct.pack(">HB3f", 0x2034, 12, 178.0, 1.0, yaw_deg)))
     assert len(mti_headings(bytes(packet))) == 1
-    packet[place % len(packet)] ^= change
+    packet[position % len(packet)] ^= change
     assert mti_headings(bytes(packet)) == []
 
 

@@ -1,4 +1,4 @@
-"""No bytes from a servo's line can harm its driver, and no damaged frame is believed."""
+"""Servo drivers accept any bytes from the line, and reject damaged frames."""
 
 import math
 
@@ -12,60 +12,68 @@ from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
 from support.line import FakeLine
 
-LARGEST_LENGTH = 64
+MAX_LENGTH = 64
 
-STATUS = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00" + bytes(range(21)))
+STATUS_PACKET = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00" + bytes(range(21)))
 STUFFED = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x80\xff\xff\xfd\x00\x01")
-SHORT = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00")
-POSITION = volz_frames.request(volz_frames.POSITION_REPLY, 1, 0x0812)
+SHORT_PACKET = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00")
+POSITION_REPLY = volz_frames.request(volz_frames.POSITION_REPLY, 1, 0x0812)
 
-# Noise with the beginnings of real frames in it, which plain random bytes hardly ever have.
+# Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.sampled_from(
-    [STATUS, STUFFED, SHORT, POSITION, STATUS[:9], STATUS[5:], b"\xff\xff\xfd\x00\x01\x30\x00\x55"]
+    [
+        STATUS_PACKET,
+        STUFFED,
+        SHORT_PACKET,
+        POSITION_REPLY,
+        STATUS_PACKET[:9],
+        STATUS_PACKET[5:],
+        b"\xff\xff\xfd\x00\x01\x30\x00\x55",
+    ]
 )
 NOISE = st.lists(PIECES | st.binary(max_size=12), max_size=12).map(b"".join)
 
 PARSERS = {
-    "dynamixel": (lambda: dynamixel_frames.StatusParser(LARGEST_LENGTH), STATUS, 7 + LARGEST_LENGTH),
-    "volz": (lambda: volz_frames.ReplyParser(1), POSITION, volz_frames.FRAME_SIZE),
+    "dynamixel": (lambda: dynamixel_frames.StatusParser(MAX_LENGTH), STATUS_PACKET, 7 + MAX_LENGTH),
+    "volz": (lambda: volz_frames.ReplyParser(1), POSITION_REPLY, volz_frames.FRAME_SIZE),
 }
 
 
 @pytest.fixture(params=list(PARSERS), scope="module")
-def codec(request):
-    """A parser's maker, a good frame and the bound of its buffer."""
+def parser_case(request):
+    """A function that makes a parser, a valid frame, and the limit of the buffer."""
     return PARSERS[request.param]
 
 
 @given(st.lists(NOISE | st.binary(max_size=5000), max_size=6))
-def test_parsers_take_anything_and_keep_little(codec, chunks):
-    make, _, bound = codec
+def test_parsers_accept_any_bytes_with_a_bounded_buffer(parser_case, chunks):
+    make, _, max_buffer = parser_case
     parser = make()
     for chunk in chunks:
         parser.feed(chunk)
-        assert parser.pending < bound
+        assert parser.pending < max_buffer
 
 
 @given(NOISE)
-def test_a_good_frame_after_any_noise_is_found_at_once(codec, noise):
-    make, frame, _ = codec
+def test_valid_frame_after_noise_is_decoded(parser_case, noise):
+    make, frame, _ = parser_case
     parser = make()
     parser.feed(noise)
     assert len(parser.feed(frame)) >= 1
 
 
 @given(NOISE, st.integers(1, 7))
-def test_how_the_bytes_are_cut_does_not_matter(codec, noise, piece):
-    make, frame, _ = codec
+def test_parsing_does_not_depend_on_the_pieces(parser_case, noise, size):
+    make, frame, _ = parser_case
     stream = noise + frame
-    whole, cut = make(), make()
-    found = [packet for start in range(0, len(stream), piece) for packet in cut.feed(stream[start : start + piece])]
-    assert found == whole.feed(stream)
-    assert cut.rejected == whole.rejected
+    undivided, divided = make(), make()
+    packets = [packet for start in range(0, len(stream), size) for packet in divided.feed(stream[start : start + size])]
+    assert packets == undivided.feed(stream)
+    assert divided.rejected == undivided.rejected
 
 
-@pytest.mark.parametrize("frame", [STATUS, STUFFED, SHORT], ids=["telemetry", "stuffed", "short"])
-def test_no_single_bit_flip_is_believed_dynamixel(frame):
+@pytest.mark.parametrize("frame", [STATUS_PACKET, STUFFED, SHORT_PACKET], ids=["telemetry", "stuffed", "short"])
+def test_single_bit_flip_is_rejected_dynamixel(frame):
     assert len(dynamixel_frames.StatusParser().feed(frame)) == 1
     for bit in range(8 * len(frame)):
         damaged = bytearray(frame)
@@ -74,7 +82,7 @@ def test_no_single_bit_flip_is_believed_dynamixel(frame):
 
 
 @given(st.integers(0, 0xFFFF), st.sampled_from(sorted(volz_frames.REPLY_OF.values())), st.integers(0, 47))
-def test_no_single_bit_flip_is_believed_volz(argument, code, bit):
+def test_single_bit_flip_is_rejected_volz(argument, code, bit):
     frame = volz_frames.request(code, 1, argument)
     assert len(volz_frames.ReplyParser(1).feed(frame)) == 1
     damaged = bytearray(frame)
@@ -94,20 +102,20 @@ DRIVERS = {
 
 @pytest.mark.parametrize("driver", DRIVERS)
 @given(STEPS, st.booleans())
-def test_drivers_survive_anything(driver, steps, takes):
+def test_drivers_accept_any_bytes_and_commands(driver, steps, line_accepts):
     line = FakeLine()
-    line.full = not takes
+    line.full = not line_accepts
     rudder = DRIVERS[driver](line)
     now_s = 0.0
     for noise, angle_rad, torque_on, step_s in steps:
         now_s += step_s
         line.inbox += noise
-        before = len(line.written)
+        frame_count = len(line.written)
         rudder.receive(now_s)
         rudder.command(RudderCommand(angle_rad, torque_on), now_s)
         rudder.receive(now_s)
-        assert len(line.written) - before <= 3
-        assert all(len(frame) <= 32 for frame in line.written[before:])
+        assert len(line.written) - frame_count <= 3
+        assert all(len(frame) <= 32 for frame in line.written[frame_count:])
         feedback = rudder.poll()
         assert len(feedback) <= 8
         for record in feedback:

@@ -1,4 +1,4 @@
-"""Compute the logs of data/ again where a changed law gives other rudder commands: same inputs, new outputs and states.
+"""Recompute the logs of data/ after a change of the control law: same inputs, new outputs and states.
 
 .venv/bin/python tests/replay/relog.py
 """
@@ -12,12 +12,12 @@ from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
 
 DATA = Path(__file__).parent / "data"
-UTC_S = 1767225600.0  # of a log without a fix that has the time
+UTC_S = 1767225600.0  # for a log without time of a fix
 
 
-def relogged(log: bytes) -> tuple[bytes, int, tuple[str, ...]]:
-    """Return a log computed again, how many rudder commands have changed, and notes on its first state."""
-    reader, changed = LogReader(log), 0
+def recompute_log(log: bytes) -> tuple[bytes, int, tuple[str, ...]]:
+    """Return the recomputed log, the number of changed rudder commands, and notes on its first state."""
+    reader, changed_count = LogReader(log), 0
     ticks = list(reader)
     state, notes = state_from_text(ticks[0].checkpoint)
     utc_s = next((fix.utc_s for tick in ticks for fix in tick.inputs.positions if fix.utc_s), UTC_S)
@@ -33,18 +33,18 @@ def relogged(log: bytes) -> tuple[bytes, int, tuple[str, ...]]:
             background=False,
         )
         for tick in ticks:
-            before = state
-            state, output = step(before, tick.inputs)
-            changed += output.command != tick.command
-            recorder.offer(tick.inputs, output, lambda before=before: state_to_text(before))
+            state_before = state
+            state, output = step(state_before, tick.inputs)
+            changed_count += output.command != tick.command
+            recorder.offer(tick.inputs, output, lambda state_before=state_before: state_to_text(state_before))
         recorder.close()
         (path,) = Path(folder).glob("*.BIN")
-        return path.read_bytes(), changed, notes
+        return path.read_bytes(), changed_count, notes
 
 
 if __name__ == "__main__":
     for path in sorted(DATA.glob("*.BIN")):
-        log, changed, notes = relogged(path.read_bytes())
-        if changed or notes:
+        log, changed_count, notes = recompute_log(path.read_bytes())
+        if changed_count or notes:
             path.write_bytes(log)
-        print(f"{path.name}: {changed} rudder commands changed", *notes, sep="\n  ")
+        print(f"{path.name}: {changed_count} rudder commands changed", *notes, sep="\n  ")

@@ -21,5 +21,5 @@ def small_bundle(folder, code=0, version="9.9.9"):
     (files / "pip-1.0-py3-none-any.whl").touch()
     (files / "requirements.txt").touch()
     path = folder / f"{version}.bundle"
-    bundle_maker().pack(files, path, version, "abcd1234", 1000)
+    bundle_maker().write_bundle(files, path, version, "abcd1234", 1000)
     return path

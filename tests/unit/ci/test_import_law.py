@@ -9,8 +9,8 @@ import pytest
 
 from support.paths import ROOT
 
-CALL = "import sys; from importlinter.cli import lint_imports_command; sys.exit(lint_imports_command())"
-HERE = "from __future__ import annotations\n"
+LINTER = "import sys; from importlinter.cli import lint_imports_command; sys.exit(lint_imports_command())"
+FIRST_LINE = "from __future__ import annotations\n"
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,10 @@ def checkout(tmp_path_factory):
     return folder
 
 
-def broken(folder):
+def broken_contracts(folder):
     """Return the names of the broken contracts."""
-    done = subprocess.run(
-        [sys.executable, "-c", CALL, "--no-cache"],
+    process = subprocess.run(
+        [sys.executable, "-c", LINTER, "--no-cache"],
         cwd=folder,
         env={"PYTHONPATH": str(folder), "PATH": "", "COLUMNS": "400", "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
@@ -34,15 +34,15 @@ def broken(folder):
         check=False,
         timeout=100,
     )
-    assert "Contracts:" in done.stdout, done.stdout + done.stderr
-    return re.findall(r"^(.+) BROKEN\b", done.stdout, re.MULTILINE)
+    assert "Contracts:" in process.stdout, process.stdout + process.stderr
+    return re.findall(r"^(.+) BROKEN\b", process.stdout, re.MULTILINE)
 
 
-def test_import_contracts_hold(checkout):
-    assert broken(checkout) == []
+def test_import_contracts_are_kept(checkout):
+    assert broken_contracts(checkout) == []
 
 
-LINES = [
+VIOLATIONS = [
     ("firmware_py/common/angles.py", "import time", "What computes reaches no file"),
     ("firmware_py/control/law.py", "from firmware_py.estimate import heading_filter", "The flow of the firmware"),
     ("firmware_py/common/angles.py", "from firmware_py.modes import decide", "The flow of the firmware"),
@@ -57,30 +57,30 @@ LINES = [
 ]
 
 
-def add(folder, file, line):
+def add_line(folder, file, line):
     """Add a line to a new or existing module; return a function that removes it."""
     path = folder / file
-    before = path.read_text() if path.exists() else None
+    previous = path.read_text() if path.exists() else None
     path.parent.mkdir(exist_ok=True)
-    path.write_text((before or HERE).replace(HERE, f"{HERE}\n{line}\n", 1))
-    return lambda: shutil.rmtree(path.parent) if before is None else path.write_text(before)
+    path.write_text((previous or FIRST_LINE).replace(FIRST_LINE, f"{FIRST_LINE}\n{line}\n", 1))
+    return lambda: shutil.rmtree(path.parent) if previous is None else path.write_text(previous)
 
 
-def test_each_contract_can_be_broken(checkout):
-    undo = [add(checkout, file, line) for file, line, _ in LINES]
+def test_all_violations_together_are_detected(checkout):
+    removals = [add_line(checkout, file, line) for file, line, _ in VIOLATIONS]
     try:
-        names = broken(checkout)
+        names = broken_contracts(checkout)
     finally:
-        for take_back in reversed(undo):
-            take_back()
-    assert [contract for *_, contract in LINES if not any(name.startswith(contract) for name in names)] == []
+        for remove in reversed(removals):
+            remove()
+    assert [contract for *_, contract in VIOLATIONS if not any(name.startswith(contract) for name in names)] == []
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize(("file", "line", "contract"), LINES)
-def test_forbidden_import_is_refused(checkout, file, line, contract):
-    take_back = add(checkout, file, line)
+@pytest.mark.parametrize(("file", "line", "contract"), VIOLATIONS)
+def test_single_violation_is_detected(checkout, file, line, contract):
+    remove = add_line(checkout, file, line)
     try:
-        assert any(name.startswith(contract) for name in broken(checkout))
+        assert any(name.startswith(contract) for name in broken_contracts(checkout))
     finally:
-        take_back()
+        remove()

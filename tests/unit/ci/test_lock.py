@@ -1,4 +1,4 @@
-"""The package lock of the float: complete, hashed, tested versions."""
+"""The package lock of the float is complete, with hashes and with the tested versions."""
 
 import importlib.metadata
 import importlib.util
@@ -16,54 +16,56 @@ from support.paths import ROOT
 
 LOCK = ROOT / ".ci/requirements-onboard.txt"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-PINNED = re.compile(r"([A-Za-z0-9._-]+)==([^\s;]+)((?: \\\n    --hash=sha256:[0-9a-f]{64})+)\n")
+LOCKED_PACKAGE = re.compile(r"([A-Za-z0-9._-]+)==([^\s;]+)((?: \\\n    --hash=sha256:[0-9a-f]{64})+)\n")
 
 
-def locked():
-    """Version and hashes of each package, by its name."""
+def locked_packages():
+    """Return version and hashes of each package by its name."""
     return {canonicalize_name(name): (version, re.findall(r"[0-9a-f]{64}", hashes))
-            for name, version, hashes in PINNED.findall(LOCK.read_text())}  # fmt: skip
+            for name, version, hashes in LOCKED_PACKAGE.findall(LOCK.read_text())}  # fmt: skip
 
 
 def test_lock_has_versions_and_hashes_only():
-    """No other lines: an index or a marker would apply to every float."""
-    assert PINNED.sub("", LOCK.read_text()) == ""
-    for name, (_, hashes) in locked().items():
-        assert len(hashes) == len(set(hashes)) >= 2, f"{name}: a wheel and a source, at the least"
+    """An index or a marker would apply to every float."""
+    assert LOCKED_PACKAGE.sub("", LOCK.read_text()) == ""
+    for name, (_, hashes) in locked_packages().items():
+        assert len(hashes) == len(set(hashes)) >= 2, f"{name}: at least a wheel and a source archive"
 
 
 def test_locked_versions_are_the_tested_ones():
     lines = (ROOT / ".ci/constraints.txt").read_text().split()
     constraints = {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
-    assert {name: constraints[name] for name in locked()} == {name: version for name, (version, _) in locked().items()}
+    assert {name: constraints[name] for name in locked_packages()} == {
+        name: version for name, (version, _) in locked_packages().items()
+    }
 
 
 def test_lock_is_complete():
-    waiting, needed = [Requirement(text) for text in PROJECT["dependencies"]], set()
-    while waiting:
-        requirement = waiting.pop()
+    pending, names = [Requirement(text) for text in PROJECT["dependencies"]], set()
+    while pending:
+        requirement = pending.pop()
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
             continue
         name = canonicalize_name(requirement.name)
-        assert name in locked(), "make lock"
-        assert requirement.specifier.contains(locked()[name][0]), f"{requirement}: make lock"
-        if name not in needed:
-            needed.add(name)
-            waiting += [Requirement(text) for text in importlib.metadata.requires(name) or ()]
-    assert needed == set(locked()), "no unused package"
+        assert name in locked_packages(), "make lock"
+        assert requirement.specifier.contains(locked_packages()[name][0]), f"{requirement}: make lock"
+        if name not in names:
+            names.add(name)
+            pending += [Requirement(text) for text in importlib.metadata.requires(name) or ()]
+    assert names == set(locked_packages()), "no unused package"
 
 
 def test_changed_package_is_refused(tmp_path):
     """Check with pip: a wheel with name and version of pyserial but other bytes."""
-    dist = tmp_path / "pyserial-3.5-py3-none-any.whl"
-    dist.write_bytes(b"PK\5\6" + bytes(18))  # an empty archive
+    wheel = tmp_path / "pyserial-3.5-py3-none-any.whl"
+    wheel.write_bytes(b"PK\5\6" + bytes(18))  # an empty archive
     lines = re.search(r"pyserial==3\.5 .*?\n(?=\S|\Z)", LOCK.read_text(), re.DOTALL)[0]
     (tmp_path / "lock.txt").write_text(lines)
     words = ["install", "--isolated", "--no-index", "--no-deps", "--dry-run", "--ignore-installed"]
     command = [sys.executable, "-m", "pip", *words, f"--find-links={tmp_path}", "-r", str(tmp_path / "lock.txt")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "THESE PACKAGES DO NOT MATCH THE HASHES" in done.stderr
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 1
+    assert "THESE PACKAGES DO NOT MATCH THE HASHES" in process.stderr
 
 
 def test_sbom_is_valid_and_names_the_locked_packages(tmp_path):
@@ -72,7 +74,7 @@ def test_sbom_is_valid_and_names_the_locked_packages(tmp_path):
     out = tmp_path / "sbom.json"
     options = ["--pyproject", str(ROOT / "pyproject.toml"), "--mc-type", "firmware", "--validate", "-o", str(out)]
     subprocess.run([sys.executable, "-m", "cyclonedx_py", "environment", sys.executable, *options], check=True)
-    listed = json.loads(out.read_text())
-    assert listed["metadata"]["component"]["name"] == PROJECT["name"]
-    names = {canonicalize_name(component["name"]): component["version"] for component in listed["components"]}
-    assert names.items() >= {name: version for name, (version, _) in locked().items()}.items()
+    sbom = json.loads(out.read_text())
+    assert sbom["metadata"]["component"]["name"] == PROJECT["name"]
+    versions = {canonicalize_name(component["name"]): component["version"] for component in sbom["components"]}
+    assert versions.items() >= {name: version for name, (version, _) in locked_packages().items()}.items()

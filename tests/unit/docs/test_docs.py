@@ -13,9 +13,9 @@ from firmware_py.common.parameter_table import TABLE
 from support.paths import ROOT
 
 DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
-FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
-PAGES = [*FRONT, *DOCS]
-HOSTED = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "params").glob("*.md"))]
+ROOT_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+PAGES = [*ROOT_PAGES, *DOCS]
+ALL_PAGES = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "params").glob("*.md"))]
 PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
 CODE = re.compile(r"```.*?```|`[^`]+`", re.DOTALL)
 FOLDERS = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
@@ -26,48 +26,48 @@ def code_in(text):
     return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE.findall(text)]
 
 
-def wrong_pages(wrong_in, pages=PAGES):
-    """Return the errors of each page that has any."""
-    found = {path.relative_to(ROOT).as_posix(): wrong_in(path.read_text()) for path in pages}
-    return {name: wrong for name, wrong in found.items() if wrong}
+def errors_by_page(find_errors, pages=PAGES):
+    """Return the errors of each page that has errors."""
+    errors = {path.relative_to(ROOT).as_posix(): find_errors(path.read_text()) for path in pages}
+    return {name: page_errors for name, page_errors in errors.items() if page_errors}
 
 
 def test_named_paths_exist():
-    def missing(text):
-        # NAME is a placeholder; _build is made by `make docs`.
-        found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
-        paths = {path.rstrip(".") for path in found if "NAME" not in path and "_build" not in path}
+    def find_missing(text):
+        # NAME is a placeholder; `make docs` makes _build.
+        names = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
+        paths = {name.rstrip(".") for name in names if "NAME" not in name and "_build" not in name}
         return [path for path in sorted(paths) if not (ROOT / path).exists()]
 
-    assert wrong_pages(missing) == {}
+    assert errors_by_page(find_missing) == {}
 
 
 @cache
 def resolves(name):
-    """Return whether a dotted name is a module, or an attribute of one at any depth."""
+    """Return whether a dotted name is a module, or an attribute of a module at any depth."""
     with contextlib.suppress(ModuleNotFoundError):
         importlib.import_module(name)
         return True
-    owner, _, last = name.rpartition(".")
-    return bool(owner) and resolves(owner) and hasattr(resolve(owner), last)
+    owner, _, attribute = name.rpartition(".")
+    return bool(owner) and resolves(owner) and hasattr(resolve(owner), attribute)
 
 
 def resolve(name):
     with contextlib.suppress(ModuleNotFoundError):
         return importlib.import_module(name)
-    owner, _, last = name.rpartition(".")
-    return getattr(resolve(owner), last)
+    owner, _, attribute = name.rpartition(".")
+    return getattr(resolve(owner), attribute)
 
 
 def test_named_modules_exist():
-    def missing(text):
+    def find_missing(text):
         names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", text)
         return [name for name in names if not name.endswith(".py") and not resolves(name)]
 
-    assert wrong_pages(missing) == {}
+    assert errors_by_page(find_missing) == {}
 
 
-def test_functions_of_the_walks_exist():
+def test_functions_of_the_data_paths_exist():
     text = (ROOT / "docs/explanation/architecture.md").read_text()
     rows = re.findall(r"^\| \d+ \| `([\w.]+)` `([\w.]+)` \|", text, re.MULTILINE)
     names = [f"{module}.{function}" for module, function in rows]
@@ -88,21 +88,21 @@ def help_of(program, *words):
 def commands_in(text):
     """Yield program and words of each command line in the code of a page; `sudo -u rambler` names a user."""
     for span in code_in(text):
-        for program, rest in re.findall(
+        for program, argument_text in re.findall(
             r"(?<![\w/.:-])(?<!-u )(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")
         ):
-            yield program, rest.split()
+            yield program, argument_text.split()
 
 
-def wrong_with(program, words):
+def unknown_names(program, words):
     """Return the unknown names of a command line; empty if all are known."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     if not words or words == ["--version"]:
         return ""
     if words[0] not in commands:
         return f"{program} {words[0]}"
-    two = words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-")
-    depth = 2 if two else 1
+    has_subcommand = words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-")
+    depth = 2 if has_subcommand else 1
     text = help_of(program, *words[:depth])
     if not text.startswith("usage:"):
         return f"{program} {' '.join(words[:depth])}"
@@ -112,15 +112,15 @@ def wrong_with(program, words):
 
 
 def test_named_commands_and_options_exist():
-    def unknown(text):
+    def find_unknown(text):
         text = re.sub(r"<!-- help: .*?<!-- end -->", "", text, flags=re.DOTALL)
-        return {wrong_with(program, words) for program, words in commands_in(text)} - {""}
+        return {unknown_names(program, words) for program, words in commands_in(text)} - {""}
 
-    assert wrong_pages(unknown) == {}
+    assert errors_by_page(find_unknown) == {}
 
 
 @cache
-def refused(program, *words):
+def parser_error(program, *words):
     """Return the error of the parser for a command line; empty if it is accepted or only incomplete."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     errors = io.StringIO()
@@ -131,26 +131,30 @@ def refused(program, *words):
 
 
 def test_named_command_lines_are_accepted():
-    def wrong(text):
+    def find_rejected(text):
         text = re.sub(r"<!-- (?:help|output|code): .*?<!-- end -->", "", text, flags=re.DOTALL)
         for span in code_in(text):
-            # A choice is no command line: NAME, KIND, a|b, [...].
-            for program, rest in re.findall(
+            # Lines with NAME, KIND, a|b or [...] are syntax, not commands.
+            for program, argument_text in re.findall(
                 r"^(?:sudo )?(rambler(?:-hil)?) ([a-z][^#|\[\n]*)$", span.replace("\\\n", " "), re.MULTILINE
             ):
-                words = shlex.split(rest)
-                if " -" in rest and not {"NAME", "KIND"} & set(words) and (why := refused(program, *words)):
-                    yield f"{program} {rest}: {why}"
+                words = shlex.split(argument_text)
+                if (
+                    " -" in argument_text
+                    and not {"NAME", "KIND"} & set(words)
+                    and (error := parser_error(program, *words))
+                ):
+                    yield f"{program} {argument_text}: {error}"
 
-    assert wrong_pages(lambda text: list(wrong(text))) == {}
-    assert "expected" in refused("rambler-hil", "run", "tank", "--seconds")
+    assert errors_by_page(lambda text: list(find_rejected(text))) == {}
+    assert "expected" in parser_error("rambler-hil", "run", "tank", "--seconds")
 
 
 def test_command_check_detects_errors():
-    assert wrong_with("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
-    assert wrong_with("rambler", ["sail"]) == "rambler sail"
-    assert wrong_with("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
-    assert wrong_with("rambler", ["plan", "eat"]) == "rambler plan eat"
+    assert unknown_names("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
+    assert unknown_names("rambler", ["sail"]) == "rambler sail"
+    assert unknown_names("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
+    assert unknown_names("rambler", ["plan", "eat"]) == "rambler plan eat"
 
 
 def test_command_line_page_has_every_command():
@@ -163,18 +167,18 @@ def test_command_line_page_has_every_command():
 def test_named_parameters_exist():
     names = {row.name for row in TABLE}
     prefixes = "|".join(sorted({name.split("_")[0] for name in names}))
-    assert wrong_pages(lambda text: set(re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", text)) - names) == {}
+    assert errors_by_page(lambda text: set(re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", text)) - names) == {}
 
 
-def test_links_lead_to_files():
-    for page in HOSTED:
+def test_linked_files_exist():
+    for page in ALL_PAGES:
         links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE.sub("", page.read_text()))
         assert [link for link in links if not (page.parent / link).exists()] == [], page
 
 
 def test_no_page_shows_a_placeholder_or_a_directive():
     names = re.compile(r"\{\{.*|^ *```\{.*|^ *:::.*|\{[a-z:-]+\}`.*", re.MULTILINE)
-    assert wrong_pages(names.findall, HOSTED) == {}
+    assert errors_by_page(names.findall, ALL_PAGES) == {}
 
 
 def test_every_figure_has_a_source():

@@ -30,7 +30,7 @@ def make(tmp_path):
         (folder := tmp_path / f"files of {name}").mkdir()
         for file, content in files.items():
             (folder / file).write_bytes(content)
-        bundle_maker().pack(folder, tmp_path / name, version, "abcd1234", utc_s, key)
+        bundle_maker().write_bundle(folder, tmp_path / name, version, "abcd1234", utc_s, key)
         return tmp_path / name
 
     return made
