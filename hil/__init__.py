@@ -1,1 +1,1 @@
-"""The sea in a box: ship, waves and byte-level devices around the unchanged autopilot."""
+"""Test harness: simulated ship, sea and byte-level devices for the unchanged autopilot."""

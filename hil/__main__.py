@@ -15,7 +15,7 @@ from firmware_py.common.system_errors import system_error_text
 from firmware_py.files.standard_streams import keep_standard_streams
 from hil.errors import HilError, UsageError
 
-# command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code. It is
+# Command: module and one line of help. A module has add_arguments(parser) and run(arguments) -> exit code. It is
 # imported only for its own command.
 COMMANDS = {
     "run": ("hil.cli.run", "run the autopilot in a simulated sea and measure its steering"),
@@ -60,11 +60,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commit = commit_of(ROOT) if "--version" in words else ""  # calls git
     parser.add_argument("--version", action="version", version=version_text("rambler-hil", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    chosen = next((word for word in words if word in COMMANDS), None)
+    selected = next((word for word in words if word in COMMANDS), None)
     try:
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-            if name == chosen:
+            if name == selected:
                 module = importlib.import_module(module_name)
                 module.add_arguments(command)
                 command.set_defaults(run=module.run)

@@ -111,7 +111,7 @@ class _Outbox:
         self._number = int(time.time()) % 1_000_000
         self.problems: list[str] = []
 
-    def hand_over(self, imei: str, message: bytes) -> None:
+    def deliver(self, imei: str, message: bytes) -> None:
         if self._sender is not None:
             self._thread.submit(self._send, self._sender, imei, message)
             return
@@ -155,7 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.http is not None:
             web = stack.enter_context(contextlib.closing(Inbox(_place_of(arguments.http), inbox)))
             print(f"receiving messages on port {web.port}")
-        gateway = Gateway(station, outbox.hand_over, _say, key=key, imei=imei)
+        gateway = Gateway(station, outbox.deliver, _log, key=key, imei=imei)
         print(f"{arguments.directory}: messages of {imei or 'any boat'}; station {arguments.station}", flush=True)
         poll_s, connected = 0.0, False
         while not stopped():
@@ -163,25 +163,25 @@ def run(arguments: argparse.Namespace) -> int:
             if now_s >= poll_s:
                 poll_s = now_s + _POLL_S
                 for sender, _, content in inbox.take():
-                    _survive(gateway, partial(gateway.receive_message, sender, content))
+                    _call_safely(gateway, partial(gateway.receive_message, sender, content))
                 problems = [*inbox.problems, *outbox.problems]
                 inbox.problems.clear()
                 outbox.problems.clear()
                 for problem in problems:
                     gateway.report_problem(problem)
             for _ in range(_MAX_ORDERS):
-                message = _survive(gateway, station.receive)
+                message = _call_safely(gateway, station.receive)
                 if message is None:
                     break
                 if not connected:
                     connected = True
-                    _survive(gateway, gateway.greet)
-                _survive(gateway, partial(gateway.receive_order, message, now_s, time.time()))
+                    _call_safely(gateway, gateway.send_last_report)
+                _call_safely(gateway, partial(gateway.receive_command, message, now_s, time.time()))
             time.sleep(_PAUSE_S)
     return 0
 
 
-def _survive(gateway: Gateway, work: Callable[[], Any]) -> Any:
+def _call_safely(gateway: Gateway, work: Callable[[], Any]) -> Any:
     """Return the result of `work`; report an error, so that the next message is still processed."""
     try:
         return work()
@@ -190,7 +190,7 @@ def _survive(gateway: Gateway, work: Callable[[], Any]) -> Any:
         return None
 
 
-def _say(text: str) -> None:
+def _log(text: str) -> None:
     print(f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime())} {text}", flush=True)
 
 

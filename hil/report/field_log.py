@@ -1,7 +1,7 @@
-"""Onboard logs in the form of a run: the boat's own estimate in place of the truth, and its texts.
+"""Onboard logs in the form of a run, with the estimate of the autopilot instead of the truth, and its texts.
 
-Columns are read by name, so that a log of another version shows what it contains. Logs of several starts are placed at
-their dates; one without a date, or with a date before the end of the previous log, directly behind that log.
+Columns are read by name, so logs of other versions can be read. Logs of several starts have the time of their dates; a
+log without a date, or with a date before the end of the previous log, directly follows that log.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from firmware_py.common.reports import Activity
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
-from hil.report.log_records import SAME_START_S, Gathered, LogFile, Segment
+from hil.report.log_records import SAME_START_S, LogContents, LogFile, Segment
 from hil.sim.truth import Array, Truth
 
 _LINE: Final = Activity.LINE.value
 _ANY_FAULTS: Final = float(1 << 63)
-HOLD_S = 60.0  # a goal that lasts this long has figures
+MIN_GOAL_S = 60.0  # a goal that lasts this long has figures
 _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class ModePeriod:
     """A period in one mode: start, duration, and in degrees the heading errors and the rudder travel."""
 
     t_s: float
@@ -48,17 +48,17 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class FieldLog:
-    """Content of logs; `goal_held_rad` is the goal where it lasted HOLD_S, else NaN; `texts`: time, severity, text.
+    """Content of logs; `lasting_goal_rad` is the goal where it lasted HOLD_S, else NaN; `texts`: time, severity, text.
 
-    `more` holds columns in addition to the truth, by the names and in the units of the page's model, NaN where a tick
-    has no value. `plans` and `home` (degrees) are the latest; north and east count from `origin`, mission items from
-    `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated fix,
-    `start_s` the time of the process then. `cuts` are the first rows of logs that do not continue the previous one.
+    `columns` contains columns in addition to the truth, with the names and units of the model of the page, NaN where a
+    tick has no value. `plans` and `home` (degrees) are the latest; positions are relative to `origin`, mission items
+    count from `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated
+    fix, `start_s` the process time then. `cuts` are the first rows of logs that do not continue the previous one.
     """
 
     truth: Truth
-    goal_held_rad: Array
-    stretches: tuple[Stretch, ...]
+    lasting_goal_rad: Array
+    mode_periods: tuple[ModePeriod, ...]
     texts: tuple[tuple[float, int, str], ...]
     settings: Mapping[str, float]
     software: str
@@ -71,7 +71,7 @@ class FieldLog:
     notes: tuple[str, ...]
     segments: tuple[Segment, ...]
     cuts: tuple[int, ...]
-    more: Mapping[str, Array] = field(default_factory=dict)
+    columns: Mapping[str, Array] = field(default_factory=dict)
     plans: Mapping[str, Plan] = field(default_factory=dict)
     home: tuple[float, float] | None = None
     origin: tuple[float, float] | None = None
@@ -79,10 +79,11 @@ class FieldLog:
 
     def axis_utc_s(self) -> float | None:
         """Return UTC at time 0 if it is the same in all logs, else None."""
-        agree = all(
-            one.utc_s is not None and abs(one.utc_s - (self.utc_s or 0.0)) <= SAME_START_S for one in self.segments
+        is_common = all(
+            segment.utc_s is not None and abs(segment.utc_s - (self.utc_s or 0.0)) <= SAME_START_S
+            for segment in self.segments
         )
-        return self.utc_s if agree else None
+        return self.utc_s if is_common else None
 
 
 def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
@@ -90,68 +91,72 @@ def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
 
     Raises UsageError for a log that cannot be read, and if no log holds a tick.
     """
-    got = Gathered(every=every)
+    contents = LogContents(every=every)
     for path in paths:
         try:
             with open_buffer(path) as data:
-                LogFile(path, got).read(data)
+                LogFile(path, contents).read(data)
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
         except LogError as error:
             raise UsageError(f"{path}: {error}") from None
-    if not got.columns["time_s"]:
+    if not contents.columns["time_s"]:
         raise UsageError(f"{paths[0] if paths else 'no log'}: not a Rambler log, or empty; give a log of the autopilot")
-    return _made(got)
+    return _assemble(contents)
 
 
-def _made(got: Gathered) -> FieldLog:
-    columns = {name: np.asarray(column) for name, column in got.columns.items()}
+def _assemble(contents: LogContents) -> FieldLog:
+    columns = {name: np.asarray(column) for name, column in contents.columns.items()}
     time_s = columns["time_s"]
-    places = (int(np.searchsorted(time_s, one.begin_s)) for one in got.segments if one.is_apart)
-    cuts = tuple(place for place in places if 0 < place < time_s.size)
-    heading = _filled(columns["heading"])
-    hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _filled(columns["hull"])))
+    start_rows = (int(np.searchsorted(time_s, segment.begin_s)) for segment in contents.segments if segment.is_apart)
+    cuts = tuple(row for row in start_rows if 0 < row < time_s.size)
+    heading = _fill_gaps(columns["heading"])
+    hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _fill_gaps(columns["hull"])))
     error = np.array([wrap_pi(value) if math.isfinite(value) else math.nan for value in columns["error"]])
     goal = hull + error  # on the heading's turn
     rudder = np.where(np.isnan(columns["rudder"]), columns["command"], columns["rudder"])
-    north_m, east_m, speed_m_s = _track(got.fixes, time_s)
+    north_m, east_m, speed_m_s = _track(contents.fixes, time_s)
     truth = Truth(
-        time_s, hull, _beside(hull, columns["compass"], heading), _filled(columns["yaw_rate"]), _filled(rudder),
-        _filled(columns["command"]), goal, north_m, east_m, speed_m_s,
+        time_s, hull, _shifted_compass(hull, columns["compass"], heading), _fill_gaps(columns["yaw_rate"]),
+        _fill_gaps(rudder), _fill_gaps(columns["command"]), goal, north_m, east_m, speed_m_s,
     )  # fmt: skip
-    first = (math.degrees(got.fixes["lat"][0]), math.degrees(got.fixes["lng"][0])) if got.fixes["t"] else None
-    late_us = np.asarray(got.late_s) * 1e6
+    first = (
+        (math.degrees(contents.fixes["lat"][0]), math.degrees(contents.fixes["lng"][0]))
+        if contents.fixes["t"]
+        else None
+    )
+    late_us = np.asarray(contents.late_s) * 1e6
     late_us = late_us[np.isfinite(late_us)]
     percentiles = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
     return FieldLog(
         truth=truth,
-        goal_held_rad=_held(time_s, columns["goal"], goal, cuts),
-        stretches=tuple(_stretches(truth, columns["mode"], columns["armed"], error, cuts)),
-        texts=tuple(got.texts),
-        settings={name: value for name, value in got.settings.items() if _is_set(name, value)},
-        software=got.software,
-        utc_s=got.utc_s,
-        start_s=got.start_s,
-        ticks=got.ticks,
-        skipped=got.skipped,
-        late_us={name: float(np.percentile(late_us, part)) for name, part in percentiles.items()}
+        lasting_goal_rad=_lasting_goals(time_s, columns["goal"], goal, cuts),
+        mode_periods=tuple(_mode_periods(truth, columns["mode"], columns["armed"], error, cuts)),
+        texts=tuple(contents.texts),
+        settings={name: value for name, value in contents.settings.items() if _is_set(name, value)},
+        software=contents.software,
+        utc_s=contents.utc_s,
+        start_s=contents.start_s,
+        ticks=contents.ticks,
+        skipped=contents.skipped,
+        late_us={name: float(np.percentile(late_us, rows)) for name, rows in percentiles.items()}
         if late_us.size
         else {},
-        steering_wh=got.steering_j / 3600.0,
-        notes=tuple(got.notes),
-        segments=tuple(got.segments),
+        steering_wh=contents.steering_j / 3600.0,
+        notes=tuple(contents.notes),
+        segments=tuple(contents.segments),
         cuts=cuts,
-        more=_more(columns),
-        plans=got.orders.plans,
-        home=got.orders.home or first,
+        columns=_extra_columns(columns),
+        plans=contents.orders.plans,
+        home=contents.orders.home or first,
         origin=first,
         first_item=first_item_number(
-            int(got.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION
+            int(contents.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION
         ),
     )
 
 
-def _more(columns: Mapping[str, Array]) -> dict[str, Array]:
+def _extra_columns(columns: Mapping[str, Array]) -> dict[str, Array]:
     faults = columns["faults"]
     counts = np.array([float(int(mask).bit_count()) if 0.0 <= mask < _ANY_FAULTS else math.nan for mask in faults])
     return {
@@ -178,69 +183,73 @@ def _is_set(name: str, value: float) -> bool:
     return not math.isclose(value, _DEFAULTS.get(name, math.nan), rel_tol=1e-6, abs_tol=1e-9)
 
 
-def _filled(values: Array) -> Array:
+def _fill_gaps(values: Array) -> Array:
     """Return the values with gaps filled by the previous value, 0 before the first."""
-    known = np.flatnonzero(np.isfinite(values))
-    if not known.size:
+    finite_rows = np.flatnonzero(np.isfinite(values))
+    if not finite_rows.size:
         return np.zeros_like(values)
-    place = np.searchsorted(known, np.arange(values.size), side="right") - 1
-    return np.asarray(np.where(place < 0, values[known[0]], values[known[np.maximum(place, 0)]]))
+    row = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
+    return np.asarray(np.where(row < 0, values[finite_rows[0]], values[finite_rows[np.maximum(row, 0)]]))
 
 
-def _beside(hull_rad: Array, compass_rad: Array, heading_rad: Array) -> Array:
+def _shifted_compass(hull_rad: Array, compass_rad: Array, heading_rad: Array) -> Array:
     """Return the compass heading near the hull's heading, with the mean difference removed."""
-    compass_rad = _filled(np.where(np.isfinite(compass_rad), compass_rad, heading_rad))
-    off_rad = _wrapped(compass_rad - hull_rad)
-    mean_rad = math.atan2(float(np.mean(np.sin(off_rad))), float(np.mean(np.cos(off_rad))))
-    return hull_rad + _wrapped(off_rad - mean_rad)
+    compass_rad = _fill_gaps(np.where(np.isfinite(compass_rad), compass_rad, heading_rad))
+    difference_rad = _wrap(compass_rad - hull_rad)
+    mean_rad = math.atan2(float(np.mean(np.sin(difference_rad))), float(np.mean(np.cos(difference_rad))))
+    return hull_rad + _wrap(difference_rad - mean_rad)
 
 
-def _wrapped(angle_rad: Array) -> Array:
+def _wrap(angle_rad: Array) -> Array:
     return np.asarray(np.remainder(angle_rad + math.pi, math.tau) - math.pi)
 
 
 def _track(fixes: Mapping[str, array[float]], time_s: Array) -> tuple[Array, Array, Array]:
-    """Return north and east of the first fix and the speed over the ground at the ticks; zeros without fixes."""
+    """Return the positions north and east of the first fix and the speed over ground at the ticks; 0 without fixes."""
     t, lat, lng, speed = (np.asarray(column) for column in fixes.values())
     if not t.size:
         return np.zeros_like(time_s), np.zeros_like(time_s), np.zeros_like(time_s)
     order = np.argsort(t, kind="stable")
     north = (lat - lat[0]) * EARTH_RADIUS_M
-    east = _wrapped(lng - lng[0]) * math.cos(float(lat[0])) * EARTH_RADIUS_M
+    east = _wrap(lng - lng[0]) * math.cos(float(lat[0])) * EARTH_RADIUS_M
     return (
         np.interp(time_s, t[order], north[order]),
         np.interp(time_s, t[order], east[order]),
-        np.interp(time_s, t[order], _filled(speed)[order]),
+        np.interp(time_s, t[order], _fill_gaps(speed)[order]),
     )
 
 
-def _held(time_s: Array, named_rad: Array, goal_rad: Array, cuts: Sequence[int]) -> Array:
+def _lasting_goals(time_s: Array, wrapped_goal_rad: Array, goal_rad: Array, cuts: Sequence[int]) -> Array:
     """Return the goal for each period in which it lasted HOLD_S, NaN elsewhere."""
-    held = np.full_like(goal_rad, np.nan)
+    lasting_rad = np.full_like(goal_rad, np.nan)
     if not time_s.size:
-        return held
-    changes = np.flatnonzero((named_rad[1:] != named_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
+        return lasting_rad
+    changes = (
+        np.flatnonzero((wrapped_goal_rad[1:] != wrapped_goal_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
+    )
     for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), time_s.size]):
-        if last - first > 1 and time_s[last - 1] - time_s[first] >= HOLD_S and np.isfinite(goal_rad[first]):
-            turns = round((goal_rad[first] - named_rad[first]) / math.tau)  # the heading is unwrapped
-            held[first:last] = named_rad[first] + turns * math.tau
-    held[list(cuts)] = np.nan  # a goal that continues in the next log counts there as another one
-    return held
+        if last - first > 1 and time_s[last - 1] - time_s[first] >= MIN_GOAL_S and np.isfinite(goal_rad[first]):
+            turns = round((goal_rad[first] - wrapped_goal_rad[first]) / math.tau)  # the heading is unwrapped
+            lasting_rad[first:last] = wrapped_goal_rad[first] + turns * math.tau
+    lasting_rad[list(cuts)] = np.nan  # a goal that continues in the next log counts as another one there
+    return lasting_rad
 
 
-def _stretches(truth: Truth, mode: Array, armed: Array, error_rad: Array, cuts: Sequence[int]) -> Iterator[Stretch]:
+def _mode_periods(
+    truth: Truth, mode: Array, armed: Array, error_rad: Array, cuts: Sequence[int]
+) -> Iterator[ModePeriod]:
     state = np.nan_to_num(mode) * 2.0 + np.nan_to_num(armed)
     changes = np.flatnonzero(np.diff(state)) + 1
     for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), state.size]):
-        part = slice(first, last)
-        seconds = float(truth.time_s[part][-1] - truth.time_s[part][0])
-        errors = np.degrees(error_rad[part][np.isfinite(error_rad[part])])
-        travel_deg = float(np.degrees(np.sum(np.abs(np.diff(truth.rudder_rad[part])))))
-        yield Stretch(
-            float(truth.time_s[part][0]),
+        rows = slice(first, last)
+        seconds = float(truth.time_s[rows][-1] - truth.time_s[rows][0])
+        errors = np.degrees(error_rad[rows][np.isfinite(error_rad[rows])])
+        travel_deg = float(np.degrees(np.sum(np.abs(np.diff(truth.rudder_rad[rows])))))
+        yield ModePeriod(
+            float(truth.time_s[rows][0]),
             seconds,
-            int(state[part][0]) // 2,
-            bool(int(state[part][0]) % 2),
+            int(state[rows][0]) // 2,
+            bool(int(state[rows][0]) % 2),
             -float(errors.mean()) if errors.size else math.nan,
             float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan,
             travel_deg * 3600.0 / seconds if seconds > 0.0 else 0.0,

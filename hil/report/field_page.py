@@ -1,4 +1,4 @@
-"""report.html of a boat's own logs, in the form of a run's page."""
+"""report.html of the logs of a boat, in the form of the page of a run."""
 
 from __future__ import annotations
 
@@ -23,54 +23,54 @@ from hil.sim.truth import ROWS_PER_PIECE, Truth
 
 LOG_DIRECTORY = "logs"
 MAX_LOGS = 3  # full logs of a state directory on the page, with all of its thin log
-MAX_TEXTS, MAX_GOALS, MAX_STRETCHES = 200, 40, 60
+MAX_TEXTS, MAX_GOALS, MAX_MODE_PERIODS = 200, 40, 60
 FIELD_NOTE = (
     "The heading is the boat's own estimate, without wave yaw; an error of the compass is contained in it. A goal "
     "counts if it lasted a minute. The compass line is shifted by its mean difference from the heading."
 )
 
 
-def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
+def find_logs(paths: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
     """Return the full and the thin logs of files and directories in order, and notes on logs that are not included."""
     full: list[Path] = []
     thin: list[Path] = []
     notes = []
-    for place in places:
-        if not place.exists():
-            raise UsageError(f"{place} does not exist; name logs, a state directory or that of a run")
-        if not place.is_dir():
-            (thin if place.parent.name == THIN else full).append(place)
+    for path in paths:
+        if not path.exists():
+            raise UsageError(f"{path} does not exist; name logs, a state directory or that of a run")
+        if not path.is_dir():
+            (thin if path.parent.name == THIN else full).append(path)
             continue
-        directories = (place / "state" / LOG_DIRECTORY, place / LOG_DIRECTORY, place)
-        logs = next((one for one in directories if _numbered(one) or _numbered(one / THIN)), None)
+        directories = (path / "state" / LOG_DIRECTORY, path / LOG_DIRECTORY, path)
+        logs = next((period for period in directories if _numbered_logs(period) or _numbered_logs(period / THIN)), None)
         if logs is None:
-            raise UsageError(f"{place} holds no logs; name logs, a state directory or that of a run")
-        numbered = _numbered(logs)
+            raise UsageError(f"{path} holds no logs; name logs, a state directory or that of a run")
+        numbered = _numbered_logs(logs)
         full += numbered[-MAX_LOGS:]
         if len(numbered) > MAX_LOGS:
             notes.append(f"the latest {MAX_LOGS} of {len(numbered)} full logs; name other logs to include them")
-        thin += _numbered(logs / THIN)
+        thin += _numbered_logs(logs / THIN)
     return full, thin, notes
 
 
-def _numbered(directory: Path) -> list[Path]:
+def _numbered_logs(directory: Path) -> list[Path]:
     return [path for _, path in sorted(log_files(directory).items())] if directory.is_dir() else []
 
 
-def write(places: Sequence[Path], target: Path) -> None:
+def write(paths: Sequence[Path], target: Path) -> None:
     """Write the page of logs or directories of them; UsageError if there are none or they cannot be read."""
-    full, thin, notes = logs_of(places)
+    full, thin, notes = find_logs(paths)
     parts: list[str] = []
-    title = ", ".join(str(place) for place in places)
+    title = ", ".join(str(path) for path in paths)
     if full:
         try:
-            parts += _full_parts(field_log.read(full), full, notes)
+            parts += _full_log_parts(field_log.read(full), full, notes)
         except UsageError as error:
             if not thin:
                 raise
             parts.append(page.paragraph(f"The full logs are not included: {error}", "note"))
     if thin:
-        parts += _days_parts(thin_log.read(thin))
+        parts += _day_parts(thin_log.read(thin))
     if not parts:
         raise UsageError(f"{title}: no records to show; give logs of the autopilot")
     try:
@@ -79,21 +79,21 @@ def write(places: Sequence[Path], target: Path) -> None:
         raise UsageError(f"--out {target} cannot be written: {error.strerror}; give another") from None
 
 
-def _days_parts(table: thin_log.ThinTable) -> Iterator[str]:
+def _day_parts(table: thin_log.ThinTable) -> Iterator[str]:
     if table.rows:
         yield page.heading("Day by day")
         yield from page.voyage(days_voyage(table))
-        yield page.table(thin_log.days(table))
+        yield page.table(thin_log.day_rows(table))
     if table.undated_s > 0.0:
         hours = table.undated_s / 3600.0
         yield page.paragraph(f"{hours:.1f} h of the thin log have no date, because no clock was valid then.", "note")
 
 
-def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:
+def _full_log_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:
     truth = log.truth
-    goals = goal_figures(_pieces(replace(truth, goal_rad=log.goal_held_rad)))
+    goals = goal_figures(_pieces(replace(truth, goal_rad=log.lasting_goal_rad)))
     begin = "" if log.segments[0].utc_s is None else f"{_clock(float(truth.time_s[0]), log)} UTC, "
-    apart_s = sum(one.gap_s for one in log.segments if one.gap_s > 0.0)
+    apart_s = sum(period.gap_s for period in log.segments if period.gap_s > 0.0)
     hours = (float(truth.time_s[-1] - truth.time_s[0]) - apart_s) / 3600.0
     yield page.paragraph(f"{begin}{hours:.2f} h logged; {log.software or 'software unknown'}", "lead")
     yield from page.voyage(field_voyage(log))
@@ -103,7 +103,7 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
     yield page.table(
         [
             ("mode", "duration", "mean error", "rms error", "rudder travel"),
-            *(_stretch_cells(one, log) for one in log.stretches[:MAX_STRETCHES]),
+            *(_period_cells(period, log) for period in log.mode_periods[:MAX_MODE_PERIODS]),
         ]
     )
     late = ", ".join(f"{name} {value:.0f} us" for name, value in log.late_us.items())
@@ -111,9 +111,9 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
         f"loop: {log.ticks} ticks, {log.skipped} skipped; lateness of ticks {late}; "
         f"servo energy {log.steering_wh:.2f} Wh."
     )
-    more = [f"{len(rest)} more {name} are not included" for name, rest in _left_out(log, len(goals)) if rest]
+    omitted = [f"{len(rest)} more {name} are not included" for name, rest in _omitted(log, len(goals)) if rest]
     yield page.paragraph(f"{NOTE} {FIELD_NOTE}", "note")
-    if lines := [*notes, *log.notes, *more]:
+    if lines := [*notes, *log.notes, *omitted]:
         yield page.bullets(lines)
     yield page.heading("Texts of the autopilot")
     yield page.events(log.texts[-MAX_TEXTS:], lambda t_s: _clock(t_s, log))
@@ -124,10 +124,10 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
     yield page.table(rows, head=False) if rows else page.paragraph("All parameters have their defaults.")
 
 
-def _left_out(log: FieldLog, goals: int) -> tuple[tuple[str, range], ...]:
+def _omitted(log: FieldLog, goals: int) -> tuple[tuple[str, range], ...]:
     return (
         ("goals", range(MAX_GOALS, goals)),
-        ("periods of one mode", range(MAX_STRETCHES, len(log.stretches))),
+        ("periods of one mode", range(MAX_MODE_PERIODS, len(log.mode_periods))),
         ("older texts", range(MAX_TEXTS, len(log.texts))),
     )
 
@@ -141,24 +141,24 @@ def _pieces(truth: Truth) -> list[Truth]:
     ]
 
 
-def _stretch_cells(one: field_log.Stretch, log: FieldLog) -> tuple[str, ...]:
-    armed = "armed" if one.armed else "disarmed"
-    known = math.isfinite(one.rms_error_deg)
+def _period_cells(period: field_log.ModePeriod, log: FieldLog) -> tuple[str, ...]:
+    armed = "armed" if period.armed else "disarmed"
+    has_error = math.isfinite(period.rms_error_deg)
     return (
-        f"{MODE_NAMES.get(one.mode, f'mode {one.mode}')}, {armed}, from {_clock(one.t_s, log)}",
-        f"{one.seconds:.0f} s",
-        f"{one.mean_error_deg:+.2f} deg" if known else "-",
-        f"{one.rms_error_deg:.2f} deg" if known else "-",
-        f"{one.travel_deg_per_h:.0f} deg/h",
+        f"{MODE_NAMES.get(period.mode, f'mode {period.mode}')}, {armed}, from {_clock(period.t_s, log)}",
+        f"{period.seconds:.0f} s",
+        f"{period.mean_error_deg:+.2f} deg" if has_error else "-",
+        f"{period.rms_error_deg:.2f} deg" if has_error else "-",
+        f"{period.travel_deg_per_h:.0f} deg/h",
     )
 
 
 def _clock(t_s: float, log: FieldLog) -> str:
     """Return a time of the page as UTC by its log; without a date, the time since the first tick of that log."""
-    here = next((one for one in reversed(log.segments) if one.begin_s <= t_s), log.segments[0])
-    if here.utc_s is not None:
-        return _calendar(here.utc_s + t_s)
-    return f"{here.name + ' ' if len(log.segments) > 1 else ''}{t_s - here.begin_s:.1f} s"
+    segment = next((period for period in reversed(log.segments) if period.begin_s <= t_s), log.segments[0])
+    if segment.utc_s is not None:
+        return _calendar(segment.utc_s + t_s)
+    return f"{segment.name + ' ' if len(log.segments) > 1 else ''}{t_s - segment.begin_s:.1f} s"
 
 
 def _calendar(utc_s: float) -> str:

@@ -27,7 +27,7 @@ COUNTED = "instructions"  # the unit of counts, which depend on the Python versi
 
 
 def key_of(*words: str) -> str:
-    """Return the key of a figure for the pages: lower-case letters, digits and underscores."""
+    """Return the key of a figure in the file: lower-case letters, digits and underscores."""
     return re.sub(r"[^a-z0-9]+", "_", " ".join(words).lower()).strip("_")
 
 
@@ -41,15 +41,17 @@ def origin(command: str, machine: str) -> dict[str, str]:
     }
 
 
-def entry(value: float | str, unit: str, source: Mapping[str, str], **more: Any) -> dict[str, Any]:
-    """Return one entry of the file; a value is a number, or a text where a number is not enough.
+def entry(value: float | str, unit: str, source: Mapping[str, str], **details: Any) -> dict[str, Any]:
+    """Return one entry of the file; the value is a number or a text.
 
-    ValueError for NaN and infinity, which pages cannot show.
+    Raise ValueError for NaN and infinity, which pages cannot show.
     """
-    if not _finite(value):
+    if not _is_finite(value):
         raise ValueError(f"{value} is not a finite figure")
-    kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "", []) and _finite(detail)}
-    return {"value": _rounded(value), "unit": unit, **kept, **source}
+    valid_details = {
+        name: _round(detail) for name, detail in details.items() if detail not in (None, "", []) and _is_finite(detail)
+    }
+    return {"value": _round(value), "unit": unit, **valid_details, **source}
 
 
 def merge(path: Path, entries: Entries) -> None:
@@ -61,44 +63,44 @@ def merge(path: Path, entries: Entries) -> None:
     because counts have no scatter and old ones belong to another program.
     """
     with _locked(path) as file:
-        content = _content(path, file)
-        for name, fresh in entries.items():
-            # Figures of one measurement stay together in their order, because pages make tables of them.
-            content[name] = _with_earlier(content.pop(name, {}), dict(fresh))
+        content = _read_content(path, file)
+        for name, new_entry in entries.items():
+            # Figures of one measurement stay together in their order, because pages list them in tables.
+            content[name] = _merge_entry(content.pop(name, {}), dict(new_entry))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def read(option: str, path: Path) -> dict[str, Any]:
-    """Return the entries of an existing file; UsageError if it cannot be read or holds none."""
+    """Return the entries of an existing file; raise UsageError if it cannot be read or is not a file of figures."""
     try:
         with os.fdopen(open_regular(path, max_bytes=MAX_BYTES), encoding="utf-8") as file:
-            return _content(path, file)
+            return _read_content(path, file)
     except OSError as error:
         raise UsageError(f"{option} {path} cannot be read: {error.strerror}; give another") from None
 
 
 def check(option: str, path: Path | None) -> None:
-    """Raise UsageError if figures cannot be merged into a requested file."""
+    """Raise UsageError if figures cannot be merged into the file of an option."""
     if path is None:
         return
     try:
         with _locked(path) as file:
-            _content(path, file)
+            _read_content(path, file)
     except OSError as error:
         raise UsageError(f"{option} {path} cannot be written: {error.strerror}; give another") from None
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[TextIO]:
-    """Open the file, created if necessary, with a lock, to read and then to append."""
+    """Create or open the file for reading and appending, and lock it."""
     descriptor = open_regular(path, flags=os.O_RDWR | os.O_APPEND | os.O_CREAT, mode=0o666, max_bytes=MAX_BYTES)
     with os.fdopen(descriptor, "r+", encoding="utf-8") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield file
 
 
-def _content(path: Path, file: TextIO) -> dict[str, Any]:
+def _read_content(path: Path, file: TextIO) -> dict[str, Any]:
     try:
         text = file.read()
         content = json.loads(text) if text else {}
@@ -109,24 +111,24 @@ def _content(path: Path, file: TextIO) -> dict[str, Any]:
     return content
 
 
-def _with_earlier(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]:
-    if "cases" in fresh:
-        kept = old.get("cases", {}) if old.get("commit") == fresh["commit"] else {}
-        fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
-        fresh["value"] = max(fresh["cases"].values())
-    if "repeats" in fresh and fresh["unit"] != COUNTED:
-        fresh["repeats"] = [*old.get("repeats", []), *fresh["repeats"]][-MAX_REPEATS:]
-    return fresh
+def _merge_entry(old_entry: Mapping[str, Any], new_entry: dict[str, Any]) -> dict[str, Any]:
+    if "cases" in new_entry:
+        valid_details = old_entry.get("cases", {}) if old_entry.get("commit") == new_entry["commit"] else {}
+        new_entry["cases"] = dict(sorted({**valid_details, **new_entry["cases"]}.items()))
+        new_entry["value"] = max(new_entry["cases"].values())
+    if "repeats" in new_entry and new_entry["unit"] != COUNTED:
+        new_entry["repeats"] = [*old_entry.get("repeats", []), *new_entry["repeats"]][-MAX_REPEATS:]
+    return new_entry
 
 
-def _rounded(value: Any) -> Any:
+def _round(value: Any) -> Any:
     """Round numbers to the digits of a measurement."""
     if isinstance(value, list):
-        return [_rounded(each) for each in value]
+        return [_round(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
-def _finite(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
@@ -140,7 +142,7 @@ def _commit() -> str:
 def _git(*words: str) -> str:
     command = ["git", "-C", str(ROOT), *words]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError:
         return ""
-    return done.stdout.strip()
+    return result.stdout.strip()

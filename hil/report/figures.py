@@ -1,4 +1,4 @@
-"""The figures of a run from its truth, which comes in pieces: memory does not grow with the length of the run.
+"""The figures of a run from its truth, which is read in pieces so that memory does not grow with its length.
 
 An error is heading less goal: a boat that a rudder bias pushes to port of its goal has a negative mean error. Headings
 are those of the hull without wave yaw.
@@ -25,10 +25,10 @@ SECONDS_PER_HOUR = 3600.0
 class GoalFigures:
     """Figures of one goal, from its time until the next goal or the end.
 
-    `step_deg` is the turn that the boat made. `overshoot_deg` is how far the boat turns beyond the goal, in that
-    direction, before `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is the last time, from the goal's
-    start, at which the error was larger than 3 deg; None if it still is at the end. The errors and the rudder travel
-    are those of the steady part, which begins 200 s after the goal, or with the last third of a shorter goal.
+    `step_deg` is the turn that the boat made. `overshoot_deg` is the largest angle beyond the goal, in the direction of
+    the turn, before `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is the last time, from the start of
+    the goal, at which the error exceeded 3 deg; None if it does at the end. The errors and the rudder travel are those
+    of the steady part, which begins 200 s after the goal, or with the last third of a shorter goal.
     """
 
     t_s: float
@@ -56,45 +56,47 @@ class _Span:
     end_heading_rad: float
 
 
-def off_goal_rad(heading_rad: Array, goal_rad: Array) -> Array:
-    """Return heading less goal, wrapped to half a turn."""
+def heading_error_rad(heading_rad: Array, goal_rad: Array) -> Array:
+    """Return heading minus goal, wrapped to half a turn."""
     error_rad = heading_rad - goal_rad
     return np.asarray(error_rad - TWO_PI * np.floor(error_rad / TWO_PI + 0.5))
 
 
-def turned_goal_rad(goal_rad: float, end_heading_rad: float) -> float:
-    """Return a goal on the turn on which the boat ended.
+def unwrapped_goal_rad(goal_rad: float, end_heading_rad: float) -> float:
+    """Return a goal within half a turn of the unwrapped heading at its end.
 
-    The truth records it on the turn nearest to the heading when it was set; for a step of about half a turn the boat
-    may turn the other way.
+    In the truth it is within half a turn of the heading at its start; for a step of about half a turn the boat may turn
+    in the other direction.
     """
     return goal_rad + TWO_PI * math.floor((end_heading_rad - goal_rad) / TWO_PI + 0.5)
 
 
-def turned_goals_rad(truth: Truth) -> Array:
-    """Return the goals of a truth, each on the turn on which the boat ended."""
-    found = truth.goal_rad.copy()
+def unwrapped_goals_rad(truth: Truth) -> Array:
+    """Return the goals of a truth, each within half a turn of the heading at its end."""
+    goals_rad = truth.goal_rad.copy()
     for first, last in goal_spans(truth.goal_rad):
-        found[first:last] = turned_goal_rad(float(found[first]), float(truth.heading_low_rad[last - 1]))
-    return found
+        goals_rad[first:last] = unwrapped_goal_rad(float(goals_rad[first]), float(truth.heading_low_rad[last - 1]))
+    return goals_rad
 
 
 def goal_figures(truth: Iterable[Truth]) -> tuple[GoalFigures, ...]:
     """Return the figures of every goal with at least two rows; the pieces are iterated twice."""
-    tallies = [_Tally(span) for span in _spans(truth) if span.last - span.first >= 2]
+    statistics = [_GoalStatistics(span) for span in _spans(truth) if span.last - span.first >= 2]
     row = 0
     for piece in truth:
-        for tally in tallies:
-            tally.add(piece, row)
+        for statistic in statistics:
+            statistic.add(piece, row)
         row += piece.time_s.size
-    return tuple(tally.figures() for tally in tallies)
+    return tuple(statistic.figures() for statistic in statistics)
 
 
 def goal_spans(goal_rad: Array) -> list[tuple[int, int]]:
     """Return [first, last) rows of each period with a constant goal; rows without a goal are skipped."""
     if goal_rad.size == 0:
         return []
-    changes = np.flatnonzero(goal_rad[1:] != goal_rad[:-1]) + 1  # NaN differs from itself: split, then dropped
+    changes = (
+        np.flatnonzero(goal_rad[1:] != goal_rad[:-1]) + 1
+    )  # NaN differs from itself; these spans are removed below
     bounds = [0, *changes.tolist(), goal_rad.size]
     return [(first, last) for first, last in pairwise(bounds) if not np.isnan(goal_rad[first])]
 
@@ -105,12 +107,12 @@ def _spans(truth: Iterable[Truth]) -> list[_Span]:
     for piece in truth:
         for first, last in goal_spans(piece.goal_rad):
             goal_rad = float(piece.goal_rad[first])
-            begun, start_s = row + first, float(piece.time_s[first])
-            if spans and (spans[-1].last, spans[-1].goal_rad) == (begun, goal_rad):
-                before = spans.pop()
-                begun, start_s = before.first, before.start_s
+            start_row, start_s = row + first, float(piece.time_s[first])
+            if spans and (spans[-1].last, spans[-1].goal_rad) == (start_row, goal_rad):
+                previous = spans.pop()
+                start_row, start_s = previous.first, previous.start_s
             end_s, end_rad = float(piece.time_s[last - 1]), float(piece.heading_low_rad[last - 1])
-            spans.append(_Span(begun, row + last, goal_rad, start_s, end_s, end_rad))
+            spans.append(_Span(start_row, row + last, goal_rad, start_s, end_s, end_rad))
         row += piece.time_s.size
     return spans
 
@@ -152,13 +154,13 @@ def steady_rudder_travel_deg_per_h(goals: Sequence[GoalFigures]) -> float | None
     """Return the rudder travel over the steady parts of all goals; None without any."""
     travel_deg = hours = 0.0
     for goal in goals:
-        share_h = (goal.steady_to_s - goal.steady_from_s) / SECONDS_PER_HOUR
-        travel_deg += goal.rudder_travel_deg_per_h * share_h
-        hours += share_h
+        steady_h = (goal.steady_to_s - goal.steady_from_s) / SECONDS_PER_HOUR
+        travel_deg += goal.rudder_travel_deg_per_h * steady_h
+        hours += steady_h
     return travel_deg / hours if hours > 0.0 else None
 
 
-class _Tally:
+class _GoalStatistics:
     """Accumulates the figures of one goal."""
 
     def __init__(self, span: _Span) -> None:
@@ -168,43 +170,45 @@ class _Tally:
         self._step_rad = self._overshoot_rad = self._sum_rad = self._sum_squares = 0.0
         self._settled_s: float | None = span.start_s  # None while the boat is outside
         self._steady_from_s = span.end_s
-        self._sizes = _Largest(span.last - span.first)
+        self._magnitudes = _LargestValues(span.last - span.first)
         self._travel = RudderTravel()
 
     def add(self, piece: Truth, row: int) -> None:
-        """Add the goal's rows from a piece that begins at a row of the truth."""
+        """Add the rows of the goal in a piece that begins at a row of the truth."""
         first, last = max(self._span.first - row, 0), min(self._span.last - row, piece.time_s.size)
         if first >= last:
             return
         time_s = piece.time_s[first:last]
         heading_rad = piece.heading_low_rad[first:last]
-        error_rad = off_goal_rad(heading_rad, piece.goal_rad[first:last])
-        goal_rad = turned_goal_rad(self._span.goal_rad, self._span.end_heading_rad)
+        error_rad = heading_error_rad(heading_rad, piece.goal_rad[first:last])
+        goal_rad = unwrapped_goal_rad(self._span.goal_rad, self._span.end_heading_rad)
         if row + first == self._span.first:
             self._step_rad = goal_rad - float(heading_rad[0])
         if self._settled_s is None:
             self._settled_s = float(time_s[0])
-        outside = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
-        if outside.size:
-            self._settled_s = float(time_s[outside[-1] + 1]) if outside[-1] + 1 < time_s.size else None
+        unsettled = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
+        if unsettled.size:
+            self._settled_s = float(time_s[unsettled[-1] + 1]) if unsettled[-1] + 1 < time_s.size else None
         # At least the last two rows belong to the steady part.
         steady = int(np.searchsorted(time_s, self._steady_s - 1e-9))
         steady = min(steady, max(self._span.last - 2 - row - first, 0))
-        self._overshoot_rad = max(self._overshoot_rad, _past_rad(heading_rad[:steady] - goal_rad, -self._step_rad))
+        self._overshoot_rad = max(
+            self._overshoot_rad, _max_beyond_goal_rad(heading_rad[:steady] - goal_rad, -self._step_rad)
+        )
         if steady < time_s.size:
             self._add_steady(time_s[steady:], error_rad[steady:], piece.rudder_rad[first + steady : last])
 
     def _add_steady(self, time_s: Array, error_rad: Array, rudder_rad: Array) -> None:
-        if self._sizes.count == 0:
+        if self._magnitudes.count == 0:
             self._steady_from_s = float(time_s[0])
         self._sum_rad += float(np.sum(error_rad))
         self._sum_squares += float(np.sum(np.square(error_rad)))
-        self._sizes.add(np.abs(error_rad))
+        self._magnitudes.add(np.abs(error_rad))
         self._travel.add(time_s, rudder_rad)
 
     def figures(self) -> GoalFigures:
         """Return the figures after all rows."""
-        span, count = self._span, self._sizes.count
+        span, count = self._span, self._magnitudes.count
         return GoalFigures(
             t_s=span.start_s,
             goal_deg=degrees(span.goal_rad),
@@ -215,44 +219,44 @@ class _Tally:
             settling_s=None if self._settled_s is None else self._settled_s - span.start_s,
             mean_error_deg=degrees(self._sum_rad / count),
             rms_error_deg=degrees(math.sqrt(self._sum_squares / count)),
-            p95_error_deg=degrees(self._sizes.percentile()),
+            p95_error_deg=degrees(self._magnitudes.percentile()),
             rudder_travel_deg_per_h=self._travel.deg_per_h(),
         )
 
 
-class _Largest:
-    """The 95th percentile of at most `most` values: the largest twentieth of them is stored."""
+class _LargestValues:
+    """The 95th percentile of at most `max_count` values; only the largest twentieth is stored."""
 
-    PART = 0.95
+    FRACTION = 0.95
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, max_count: int) -> None:
         self.count = 0
-        self._keep = math.ceil((1.0 - self.PART) * most) + 2
-        self._kept: Array = np.empty(0)
+        self._max_stored = math.ceil((1.0 - self.FRACTION) * max_count) + 2
+        self._stored: Array = np.empty(0)
 
     def add(self, values: Array) -> None:
         """Add values."""
         self.count += values.size
-        self._kept = np.concatenate((self._kept, values))
-        if (surplus := self._kept.size - self._keep) > 0:
-            self._kept = np.partition(self._kept, surplus)[surplus:]
+        self._stored = np.concatenate((self._stored, values))
+        if (surplus := self._stored.size - self._max_stored) > 0:
+            self._stored = np.partition(self._stored, surplus)[surplus:]
 
     def percentile(self) -> float:
         """Return the percentile, linear between neighbours."""
-        dropped = self.count - self._kept.size
-        ordered = np.sort(self._kept)
-        place = (self.count - 1) * self.PART
-        below = math.floor(place)
-        low, high = (float(ordered[min(index, self.count - 1) - dropped]) for index in (below, below + 1))
-        return low + (high - low) * (place - below)
+        removed = self.count - self._stored.size
+        ordered = np.sort(self._stored)
+        position = (self.count - 1) * self.FRACTION
+        below = math.floor(position)
+        low, high = (float(ordered[min(index, self.count - 1) - removed]) for index in (below, below + 1))
+        return low + (high - low) * (position - below)
 
 
 def overshoot_rad(error_rad: Array) -> float:
     """Return the largest error beyond zero, opposite to the initial one; 0 for a small step."""
-    return _past_rad(error_rad, float(error_rad[0])) if error_rad.size else 0.0
+    return _max_beyond_goal_rad(error_rad, float(error_rad[0])) if error_rad.size else 0.0
 
 
-def _past_rad(error_rad: Array, start_rad: float) -> float:
+def _max_beyond_goal_rad(error_rad: Array, start_rad: float) -> float:
     if error_rad.size == 0 or abs(start_rad) < SETTLED_RAD:
         return 0.0
     return max(0.0, float(np.max(-math.copysign(1.0, start_rad) * error_rad)))

@@ -10,7 +10,7 @@ from html import escape
 from firmware_py.view.document import data_block, document
 from firmware_py.view.model import Voyage
 
-WARNING = 4  # MAV_SEVERITY; red from here on, except for the orderly end by a signal, as in view/panels.js
+WARNING = 4  # MAV_SEVERITY; texts of this and higher severity are red, except the end by a signal (view/panels.js)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def images(pictures: Iterable[tuple[bytes, str]]) -> str:
 
 
 def table(rows: Iterable[Sequence[str | Cell]], *, head: bool = True) -> str:
-    """Return a table, its first row as the head."""
+    """Return a table; with `head` the first row is its header."""
     lines = []
     for number, row in enumerate(rows):
         tag = "th" if head and number == 0 else "td"
@@ -72,12 +72,12 @@ def voyage(content: Voyage) -> list[str]:
     return [data_block("voyage", content), "<noscript><p>The plots need a browser with scripts.</p></noscript>"]
 
 
-def events(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]) -> str:
-    """Return texts as a table whose rows link to the plots; severe texts are highlighted."""
+def events(texts: Iterable[tuple[float, int, str]], format_time: Callable[[float], str]) -> str:
+    """Return times, severities and texts as a table whose rows link to the plots; severe texts are highlighted."""
     rows = [
-        f'<tr data-time="{t_s:.2f}"><td>{escape(moment(t_s))}</td>'
+        f'<tr data-time="{t_s:.2f}"><td>{escape(format_time(t_s))}</td>'
         f'<td class="words{" bad" if severity <= WARNING and text[:3] != "SIG" else ""}">{escape(text)}</td></tr>'
-        for t_s, severity, text in marks
+        for t_s, severity, text in texts
     ]
     head = '<tr><th>time</th><th class="words">text</th></tr>'
     return f'<div class="scroll"><table>{head}{"".join(rows)}</table></div>'

@@ -13,10 +13,10 @@ from firmware_py.view.document import PLOTS
 from hil.errors import HilError
 from hil.report import page, summary
 from hil.report.field_log import FieldLog
-from hil.report.figures import goal_figures, turned_goals_rad
+from hil.report.figures import goal_figures, unwrapped_goals_rad
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
-from hil.report.thinning import thinned
+from hil.report.thinning import thin_truth
 from hil.report.voyages import run_voyage
 from hil.sim import run_file
 from hil.sim.run_directory import PAGE, PICTURE, STATE, TRUTH_FILE
@@ -33,31 +33,31 @@ INTERRUPTED = "interrupted"
 
 
 def make(out: Path) -> tuple[Summary, Path]:
-    """Write summary.json, report.html and run.png of a run, complete or partial; return figures and the page's path.
+    """Write summary.json, report.html and run.png of a complete or partial run; return figures and path of the page.
 
-    run.png is omitted if matplotlib is not installed. UsageError for a directory without a run.
+    run.png is omitted if matplotlib is not installed. Raises UsageError for a directory without a run.
     """
     record = run_file.read(out)
-    log = summary.onboard(out)
+    log = summary.read_onboard_logs(out)
     figures = summary.summarise(record, out, log)
     summary.write(figures, out)
     truth = RecordedTruth(out / TRUTH_FILE)
     rows = sum(piece.time_s.size for piece in truth)
-    few = thinned(truth, rows) if rows else None
-    if few is not None:
-        few = replace(few, goal_rad=turned_goals_rad(few))
-    if few is not None and importlib.util.find_spec("matplotlib") is not None:
+    thinned_truth = thin_truth(truth, rows) if rows else None
+    if thinned_truth is not None:
+        thinned_truth = replace(thinned_truth, goal_rad=unwrapped_goals_rad(thinned_truth))
+    if thinned_truth is not None and importlib.util.find_spec("matplotlib") is not None:
         from hil.report.run_picture import draw  # noqa: PLC0415 - slow to import and optional
 
-        draw(few, goal_figures(truth), record.title, out / PICTURE)
+        draw(thinned_truth, goal_figures(truth), record.title, out / PICTURE)
     try:
-        (out / PAGE).write_text(_page(record, figures, few, log, out), encoding="utf-8")
+        (out / PAGE).write_text(_page_text(record, figures, thinned_truth, log, out), encoding="utf-8")
     except OSError as error:
         raise HilError(f"{out / PAGE} cannot be written: {error.strerror}") from None
     return figures, out / PAGE
 
 
-def _page(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog | None, out: Path) -> str:
+def _page_text(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog | None, out: Path) -> str:
     shift_s = 0.0 if log is None else summary.onboard_shift_s(record, log)
     lead = f"compass {record.compass}, servo {record.servo}, seed {record.seed}, {record.seconds:g} s"
     return page.page(
@@ -87,7 +87,7 @@ def _page(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog 
 
 
 def _ending(record: RunFile) -> Iterator[str]:
-    """Yield how a run ended early; an interruption by the operator is not a failure."""
+    """Yield the reason for an early end; an interruption by the operator is not a failure."""
     if record.ending != FINISHED:
         text = "no end recorded, the run is under way or was killed" if record.ending == UNDER_WAY else record.ending
         is_failure = not record.ending.startswith(INTERRUPTED)
@@ -101,8 +101,10 @@ def _mission(figures: Summary) -> Iterator[str]:
             "boat's receiver."
         )
     if figures["arrivals"]:
-        done = ", ".join(f"{one['item']} at {one['time_s']:.0f} s" for one in figures["arrivals"][:MAX_TEXTS])
-        yield page.paragraph(f"Mission items reached: {done}.")
+        reached_items = ", ".join(
+            f"{item['item']} at {item['time_s']:.0f} s" for item in figures["arrivals"][:MAX_TEXTS]
+        )
+        yield page.paragraph(f"Mission items reached: {reached_items}.")
 
 
 def _events(figures: Summary) -> Iterator[str]:
@@ -112,8 +114,8 @@ def _events(figures: Summary) -> Iterator[str]:
         return
     if len(events) > MAX_TEXTS:
         yield page.paragraph(f"The last {MAX_TEXTS} of {len(events)}; summary.json has all.", "note")
-    marks = [(one["time_s"], one["severity"], one["text"]) for one in events[-MAX_TEXTS:]]
-    yield page.events(marks, lambda t_s: f"{t_s:.1f} s")
+    texts = [(item["time_s"], item["severity"], item["text"]) for item in events[-MAX_TEXTS:]]
+    yield page.events(texts, lambda t_s: f"{t_s:.1f} s")
 
 
 def _origin(record: RunFile, figures: Summary, out: Path) -> Iterator[tuple[str, page.Cell]]:
@@ -122,8 +124,8 @@ def _origin(record: RunFile, figures: Summary, out: Path) -> Iterator[tuple[str,
     yield "start", page.Cell(record.begun)
     yield "end", page.Cell(record.ending)
     yield "versions", page.Cell(", ".join(f"{name} {text}" for name, text in record.versions.items()))
-    if own := figures.get("figures_by"):
-        yield "versions of the figures", page.Cell(", ".join(f"{name} {text}" for name, text in own.items()))
+    if own_versions := figures.get("figures_by"):
+        yield "versions of the figures", page.Cell(", ".join(f"{name} {text}" for name, text in own_versions.items()))
     for _, path in sorted(logs.items()):
         yield "log", page.Cell(str(path), note=f"rambler replay {shlex.quote(str(path))}")
     yield "this page", page.Cell(str(out / PAGE), note=f"rambler-hil report {shlex.quote(str(out))}")

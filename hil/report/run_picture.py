@@ -31,18 +31,18 @@ TABLE_ROWS = 4
 
 
 def draw(truth: Truth, goals: Sequence[GoalFigures], title: str, path: Path) -> None:
-    """Write the plot of a truth as a PNG file; a long truth should be thinned."""
+    """Write the plot of a truth, which should be thinned if it is long, as a PNG file."""
     figure = new_figure(title, *SIZE_INCHES)
     left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
-    _panels(left, truth)
+    _draw_panels(left, truth)
     track, table = right.subplots(2, 1, height_ratios=(4.0, 1.0))
-    _track(track, truth, goals)
+    _draw_track(track, truth, goals)
     finish(track)
-    _table(table, goals)
+    _draw_table(table, goals)
     figure.savefig(path)
 
 
-def _panels(figure: Any, truth: Truth) -> None:
+def _draw_panels(figure: Any, truth: Truth) -> None:
     columns = figure.subplots(len(PANELS), 1, sharex=True, height_ratios=(1.5, 1.0, 0.8, 1.0))
     for axes, panel in zip(columns, PANELS, strict=True):
         panel(axes, truth)
@@ -51,7 +51,7 @@ def _panels(figure: Any, truth: Truth) -> None:
     columns[-1].set_xlabel("time, s")
 
 
-def _heading(axes: Any, truth: Truth) -> None:
+def _draw_heading(axes: Any, truth: Truth) -> None:
     degrees = DEGREES_PER_RADIAN
     if not np.array_equal(truth.heading_rad, truth.heading_low_rad):
         axes.plot(truth.time_s, truth.heading_rad * degrees, color=COMPASS, lw=0.5, label="with wave yaw")
@@ -62,27 +62,27 @@ def _heading(axes: Any, truth: Truth) -> None:
     add_headroom(axes)
 
 
-def _error(axes: Any, truth: Truth) -> None:
+def _draw_error(axes: Any, truth: Truth) -> None:
     error_deg = (truth.heading_low_rad - truth.goal_rad) * DEGREES_PER_RADIAN
     axes.axhspan(-3.0, 3.0, color=BAND, lw=0, label="±3 deg")
     axes.axhline(0.0, color=GRID, lw=0.8)
     axes.plot(truth.time_s, error_deg, color=HULL, lw=1.2)
     steady = [error_deg[first:last][truth.time_s[first:last] >= truth.time_s[first] + STEADY_AFTER_S]
               for first, last in goal_spans(truth.goal_rad)]  # fmt: skip
-    widest = max((float(np.max(np.abs(part))) for part in steady if part.size), default=0.0)
-    reach_deg = max(6.0, 1.5 * widest)
-    axes.set_ylim(-reach_deg, reach_deg)
+    max_error_deg = max((float(np.max(np.abs(error))) for error in steady if error.size), default=0.0)
+    limit_deg = max(6.0, 1.5 * max_error_deg)
+    axes.set_ylim(-limit_deg, limit_deg)
     axes.set_ylabel("error, deg")
     add_legend(axes)
 
 
-def _yaw_rate(axes: Any, truth: Truth) -> None:
+def _draw_yaw_rate(axes: Any, truth: Truth) -> None:
     axes.axhline(0.0, color=GRID, lw=0.8)
     axes.plot(truth.time_s, truth.yaw_rate_rad_s * DEGREES_PER_RADIAN, color=HULL, lw=1.0)
     axes.set_ylabel("yaw rate, deg/s")
 
 
-def _rudder(axes: Any, truth: Truth) -> None:
+def _draw_rudder(axes: Any, truth: Truth) -> None:
     axes.axhline(0.0, color=GRID, lw=0.8)
     axes.plot(truth.time_s, truth.rudder_command_rad * DEGREES_PER_RADIAN, color=COMMAND, lw=1.8, label="commanded")
     axes.plot(truth.time_s, truth.rudder_rad * DEGREES_PER_RADIAN, color=HULL, lw=0.8, label="angle")
@@ -91,7 +91,7 @@ def _rudder(axes: Any, truth: Truth) -> None:
     add_headroom(axes)
 
 
-def _track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
+def _draw_track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
     axes.plot(truth.east_m, truth.north_m, color=HULL, lw=1.8)
     axes.plot(truth.east_m[:1], truth.north_m[:1], "o", color=HULL, ms=6)
     axes.annotate("start", (truth.east_m[0], truth.north_m[0]), (7, -3), textcoords="offset points", color=INK)
@@ -100,14 +100,14 @@ def _track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
         row = int(np.searchsorted(truth.time_s, figures.t_s))
         if abs(figures.step_deg) < 1.0:
             continue
-        inward = truth.east_m[row] <= middle_m
+        is_left = truth.east_m[row] <= middle_m
         axes.plot(truth.east_m[row], truth.north_m[row], "D", color=GOAL, ms=5)
         axes.annotate(
             f"{figures.goal_deg:.0f}° at {figures.t_s:.0f} s",
             (truth.east_m[row], truth.north_m[row]),
-            (8 if inward else -8, -3),
+            (8 if is_left else -8, -3),
             textcoords="offset points",
-            ha="left" if inward else "right",
+            ha="left" if is_left else "right",
             color=GOAL,
             fontsize=9,
         )
@@ -116,12 +116,14 @@ def _track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
     name_panel(axes, "track over the ground", x="east, m", y="north, m")
 
 
-def _table(axes: Any, goals: Sequence[GoalFigures]) -> None:
+def _draw_table(axes: Any, goals: Sequence[GoalFigures]) -> None:
     """Write the main figures beside the plots."""
     rows = [("goal", "overshoot", "settled", "rms error")]
     for goal in goals[:TABLE_ROWS]:
-        settled = "never" if goal.settling_s is None else f"{goal.settling_s:.0f} s"
-        rows.append((f"{goal.goal_deg:.0f}°", f"{goal.overshoot_deg:.2f}°", settled, f"{goal.rms_error_deg:.2f}°"))
+        settling_text = "never" if goal.settling_s is None else f"{goal.settling_s:.0f} s"
+        rows.append(
+            (f"{goal.goal_deg:.0f}°", f"{goal.overshoot_deg:.2f}°", settling_text, f"{goal.rms_error_deg:.2f}°")
+        )
     for line, row in enumerate(rows):
         for column, cell in enumerate(row):
             axes.text(
@@ -138,4 +140,4 @@ def _table(axes: Any, goals: Sequence[GoalFigures]) -> None:
     axes.set_axis_off()
 
 
-PANELS: tuple[Callable[[Any, Truth], None], ...] = (_heading, _error, _yaw_rate, _rudder)
+PANELS: tuple[Callable[[Any, Truth], None], ...] = (_draw_heading, _draw_error, _draw_yaw_rate, _draw_rudder)

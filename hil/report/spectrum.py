@@ -31,7 +31,7 @@ def log_spectra(log: FieldLog) -> dict[str, Any] | None:
     )
     if time_s.size < 3 or np.array_equal(compass, estimated):
         return None
-    period_s, wave_yaw_deg = log.more["wave_period_s"][longest], log.more["wave_sd_deg"][longest]
+    period_s, wave_yaw_deg = log.columns["wave_period_s"][longest], log.columns["wave_sd_deg"][longest]
     is_valid = np.isfinite(period_s) & (wave_yaw_deg > _MIN_WAVE_YAW_DEG)
     return heading_spectra(time_s, compass, estimated, period_s[is_valid & _second_half(is_valid.size)])
 
@@ -42,11 +42,11 @@ def heading_spectra(time_s: Array, compass_rad: Array, estimated_rad: Array, per
     The page marks the median of `period_s`, the estimated wave periods.
     """
     step_s = float(np.median(np.diff(time_s)))
-    even_s = np.arange(time_s[0], time_s[-1], step_s)
-    rows = min(int(SEGMENT_S / step_s), even_s.size)
+    grid_s = np.arange(time_s[0], time_s[-1], step_s)
+    rows = min(int(SEGMENT_S / step_s), grid_s.size)
     if rows * step_s < _MIN_SEGMENT_S:
         return None
-    compass, estimated = (np.degrees(np.interp(even_s, time_s, heading)) for heading in (compass_rad, estimated_rad))
+    compass, estimated = (np.degrees(np.interp(grid_s, time_s, heading)) for heading in (compass_rad, estimated_rad))
     hertz: Array = np.asarray(np.fft.rfftfreq(rows, step_s)[1:], dtype=np.float64)
     lines = [
         [label, style, numbers(_smoothed(hertz, density(values, rows, step_s)[1:]), _DIGITS)]
@@ -73,9 +73,9 @@ def density(values: Array, rows: int, step_s: float) -> Array:
     ramp = np.linspace(-1.0, 1.0, rows)
     total, count = np.zeros(rows // 2 + 1), 0
     for begin in range(0, values.size - rows + 1, max(1, rows // 2)):
-        part = values[begin : begin + rows]
-        part = part - part.mean() - ramp * (part @ ramp) / (ramp @ ramp)
-        total += np.abs(np.fft.rfft(part * window)) ** 2
+        segment = values[begin : begin + rows]
+        segment = segment - segment.mean() - ramp * (segment @ ramp) / (ramp @ ramp)
+        total += np.abs(np.fft.rfft(segment * window)) ** 2
         count += 1
     return np.asarray(2.0 * step_s * total / (max(count, 1) * float(window @ window)))
 

@@ -14,7 +14,7 @@ HEADROOM = 0.22  # of the height, for a legend in one row
 
 
 def new_figure(title: str, width_in: float, height_in: float) -> Any:
-    """Return an empty figure with its title at the left, to be saved to a file."""
+    """Return an empty figure with its title at the left."""
     figure = Figure(figsize=(width_in, height_in), dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
@@ -29,18 +29,18 @@ def name_panel(axes: Any, title: str, *, x: str = "", y: str = "") -> None:
 
 
 def add_legend(axes: Any, columns: int = 1) -> None:
-    """Put the legend into the upper right corner, without a frame."""
+    """Add a legend without a frame in the upper right corner."""
     axes.legend(loc="upper right", ncols=columns, frameon=False, fontsize=8)
 
 
 def add_headroom(axes: Any) -> None:
-    """Leave room above the lines for the legend."""
+    """Extend the vertical axis so that the legend is above the lines."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + HEADROOM * (high - low))
 
 
 def finish(axes: Any) -> None:
-    """Give a panel its grid below the lines, two spines and the colour of its ticks and labels."""
+    """Set grid, spines and colours of a panel."""
     axes.grid(visible=True, color=GRID, lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(colors=INK, labelsize=8)

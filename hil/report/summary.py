@@ -22,12 +22,12 @@ from hil.sim.run_file import OrderRecord, RunFile
 from hil.sim.truth import RecordedTruth
 
 DIGITS = 4
-FULL_BYTES = 64 << 20  # of logs with all ticks, about 3 h
+MAX_FULL_BYTES = 64 << 20  # of logs with all ticks, about 3 h
 Summary = dict[str, Any]
 
 
 def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summary:
-    """Return the content of summary.json; errors are heading less goal, of the hull's low-frequency heading."""
+    """Return the content of summary.json; errors are heading without wave yaw minus goal."""
     truth = RecordedTruth(out / TRUTH_FILE)
     try:
         figures = goal_figures(truth)
@@ -37,7 +37,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
             end_s = float(piece.time_s[-1])
     except (OSError, ValueError) as error:
         raise UsageError(f"{out}: {error}; name the directory of a run") from None
-    goals = [asdict(one) for one in figures]
+    goals = [asdict(goal_figure) for goal_figure in figures]
     for goal in goals:
         goal["accepted_s"] = _accepted_s(goal["t_s"], record.orders)
     summary: Summary = {
@@ -56,24 +56,24 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         "rudder_travel_whole_deg_per_h": travel.deg_per_h() if end_s else None,
         **({} if record.supply is None else {"supply": record.supply}),
         **({} if record.vessels is None else {"vessels": record.vessels}),
-        **_onboard(record, log),
+        **_onboard_summary(record, log),
         "arrivals": [{"time_s": t_s, "item": item} for t_s, item in record.arrivals],
         "loop": _loop(record, log),
         "lockstep": record.lockstep,
         "sailed_s": end_s,
         "speed_ratio": end_s / record.wall_s if end_s and record.wall_s else None,
         "versions": record.versions,
-        **({} if (own := run_file.versions()) == record.versions else {"figures_by": own}),
+        **({} if (own_versions := run_file.versions()) == record.versions else {"figures_by": own_versions}),
     }
-    rounded: Summary = _rounded(summary)
-    return rounded
+    result: Summary = _round(summary)
+    return result
 
 
-def onboard(out: Path) -> FieldLog | None:
-    """Return the content of a run's logs, for long logs some ticks only; None without readable logs."""
+def read_onboard_logs(out: Path) -> FieldLog | None:
+    """Return the content of the logs of a run, with fewer ticks for long logs; None without readable logs."""
     logs = out / STATE / "logs"
     paths = [path for _, path in sorted(log_files(logs).items())] if logs.is_dir() else []
-    every = math.ceil(sum(path.stat().st_size for path in paths) / FULL_BYTES)
+    every = math.ceil(sum(path.stat().st_size for path in paths) / MAX_FULL_BYTES)
     try:
         return field_log.read(paths, every=max(1, every)) if paths else None
     except UsageError:
@@ -81,14 +81,14 @@ def onboard(out: Path) -> FieldLog | None:
 
 
 def onboard_shift_s(record: RunFile, log: FieldLog) -> float:
-    """Return the shift from log time to the truth's; in real time by the receiver's clock, within 0.3 s."""
+    """Return truth time minus log time; in real time it is that of the receiver's clock, within 0.3 s."""
     if record.lockstep or log.utc_s is None:
         return log.start_s
     return log.utc_s - record.start_utc_s
 
 
 def write(summary: Summary, out: Path) -> None:
-    """Write summary.json, or raise HilError."""
+    """Write summary.json; raise HilError if that fails."""
     try:
         (out / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
@@ -110,29 +110,29 @@ def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
     return None
 
 
-def _onboard(record: RunFile, log: FieldLog | None) -> Summary:
+def _onboard_summary(record: RunFile, log: FieldLog | None) -> Summary:
     """Return the texts of the autopilot and the cross-track error."""
     if log is None:
         return {"events": [], "cross_track": None}
     shift_s = onboard_shift_s(record, log)
-    off_m = np.abs(log.more["cross_track_m"])
-    off_m = off_m[np.isfinite(off_m)]
+    distance_m = np.abs(log.columns["cross_track_m"])
+    distance_m = distance_m[np.isfinite(distance_m)]
     return {
         "events": [{"time_s": t_s + shift_s, "severity": severity, "text": text} for t_s, severity, text in log.texts],
         "cross_track": {
-            "rms_m": float(np.sqrt(np.mean(np.square(off_m)))),
-            "p95_m": float(np.percentile(off_m, 95.0)),
+            "rms_m": float(np.sqrt(np.mean(np.square(distance_m)))),
+            "p95_m": float(np.percentile(distance_m, 95.0)),
         }
-        if off_m.size
+        if distance_m.size
         else None,
     }
 
 
-def _rounded(value: Any) -> Any:
+def _round(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, DIGITS)
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: _round(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_rounded(item) for item in value]
+        return [_round(item) for item in value]
     return value

@@ -1,4 +1,4 @@
-"""Small plots as SVG within a page, with the page's colours, light or dark, and its width."""
+"""Small plots as SVG within a page, with the colours (light or dark) and the width of the page."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hil.sim.truth import Array
 
 WIDTH, HEIGHT, MARGIN, FOOT, HEAD = 340, 150, 10, 20, 8
 BINS = 32
-COUNT_WIDTH = 40  # of the numbers beside a histogram
-LINE = 22  # of a row of intervals
+COUNT_WIDTH = 40  # width of the numbers beside a histogram
+LINE = 22  # height of a row of intervals
 NAME_WIDTH = 150
-TAIL = 0.005  # share of the numbers at each side that a histogram counts in its outermost bins
+TAIL = 0.005  # share of the numbers at each side that is counted in the outermost bins
 
 
 def card(title: str, picture: str, *lines: str) -> str:
@@ -25,9 +25,9 @@ def card(title: str, picture: str, *lines: str) -> str:
     return f'<div class="card"><header>{escape(title)}</header>{picture}{notes}</div>'
 
 
-def cards(each: Sequence[str]) -> str:
-    """Return cards beside each other, as many as fit."""
-    return f'<div class="parts">{"".join(each)}</div>'
+def cards(items: Sequence[str]) -> str:
+    """Return cards side by side."""
+    return f'<div class="parts">{"".join(items)}</div>'
 
 
 def histogram(values: Array, marks: Sequence[float] = ()) -> str:
@@ -36,19 +36,22 @@ def histogram(values: Array, marks: Sequence[float] = ()) -> str:
     if not high - low > 1e-9 * max(1.0, abs(low)):
         low, high = low - 0.5, low + 0.5
     counts, _ = np.histogram(np.clip(values, low, high), BINS, (low, high))
-    left, base, most = COUNT_WIDTH, HEIGHT - FOOT, int(counts.max())
+    left, base, maximum = COUNT_WIDTH, HEIGHT - FOOT, int(counts.max())
     inner = WIDTH - left - MARGIN
-    wide, tall = inner / BINS, (base - HEAD) / most
+    bar_width, bar_scale = inner / BINS, (base - HEAD) / maximum
     bars = "".join(
-        f'<rect class="bar" x="{left + wide * place:.1f}" y="{base - tall * count:.1f}" width="{wide - 1:.1f}"'
-        f' height="{tall * count:.1f}"/>'
-        for place, count in enumerate(counts.tolist())
+        f'<rect class="bar" x="{left + bar_width * index:.1f}" y="{base - bar_scale * count:.1f}"'
+        f' width="{bar_width - 1:.1f}" height="{bar_scale * count:.1f}"/>'
+        for index, count in enumerate(counts.tolist())
     )
     lines = "".join(
         f'<line class="cursor" x1="{x:.1f}" x2="{x:.1f}" y1="{HEAD}" y2="{base}"/>'
         for x in (left + inner * (mark - low) / (high - low) for mark in marks if low <= mark <= high)
     )
-    return _svg(HEIGHT, bars + lines + _axis(low, high, left, inner, base) + _counts(most, left, base, tall))
+    return _svg(
+        HEIGHT,
+        bars + lines + _axis(low, high, left, inner, base) + _counts(maximum, left, base, bar_scale),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,50 +64,50 @@ class Interval:
     high: float
 
     @property
-    def sure(self) -> bool:
-        """Whether zero lies outside."""
+    def excludes_zero(self) -> bool:
+        """True if the interval does not contain zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
-def intervals(rows: Sequence[Interval], reach: float | None = None) -> str:
-    """Return confidence intervals one below the other around zero, up to `reach` to either side."""
-    most = reach or max((abs(end) for row in rows for end in (row.low, row.high) if math.isfinite(end)), default=1.0)
-    most = most or 1.0
+def intervals(rows: Sequence[Interval], limit: float | None = None) -> str:
+    """Return a plot of confidence intervals around zero; the axis extends to `limit` on both sides."""
+    maximum = limit or max((abs(end) for row in rows for end in (row.low, row.high) if math.isfinite(end)), default=1.0)
+    maximum = maximum or 1.0
     inner = WIDTH - NAME_WIDTH - MARGIN
-    middle, scale = NAME_WIDTH + inner / 2, inner / 2 / most
+    centre, scale = NAME_WIDTH + inner / 2, inner / 2 / maximum
     base = LINE * len(rows) + HEAD
-    parts = [f'<line class="zero" x1="{middle:.1f}" x2="{middle:.1f}" y1="{HEAD}" y2="{base}"/>']
-    for place, row in enumerate(rows):
-        y = HEAD + LINE * (place + 0.5)
-        x, low, high = (middle + scale * max(-most, min(most, end)) for end in (row.value, row.low, row.high))
-        kind = "" if row.sure else " faint"
+    parts = [f'<line class="zero" x1="{centre:.1f}" x2="{centre:.1f}" y1="{HEAD}" y2="{base}"/>']
+    for index, row in enumerate(rows):
+        y = HEAD + LINE * (index + 0.5)
+        x, low, high = (centre + scale * max(-maximum, min(maximum, end)) for end in (row.value, row.low, row.high))
+        class_suffix = "" if row.excludes_zero else " faint"
         parts.append(
             f'<text x="0" y="{y + 4:.1f}">{escape(row.name)}</text>'
-            f'<line class="line{kind}" x1="{low:.1f}" x2="{high:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
-            f'<circle class="bar{kind}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
+            f'<line class="line{class_suffix}" x1="{low:.1f}" x2="{high:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+            f'<circle class="bar{class_suffix}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
         )
-    return _svg(base + FOOT, "".join(parts) + _axis(-most, most, NAME_WIDTH, inner, base))
+    return _svg(base + FOOT, "".join(parts) + _axis(-maximum, maximum, NAME_WIDTH, inner, base))
 
 
 def _axis(low: float, high: float, left: float, inner: float, base: float) -> str:
     texts = "".join(
-        f'<text x="{left + inner * share:.1f}" y="{base + 14}" text-anchor="{anchor}">{formatted(number)}</text>'
-        for share, number, anchor in ((0.0, low, "start"), (0.5, 0.5 * (low + high), "middle"), (1.0, high, "end"))
+        f'<text x="{left + inner * share:.1f}" y="{base + 14}" text-anchor="{anchor}">{format_number(value)}</text>'
+        for share, value, anchor in ((0.0, low, "start"), (0.5, 0.5 * (low + high), "middle"), (1.0, high, "end"))
     )
     return f'<line class="frame" x1="{left}" x2="{left + inner}" y1="{base}" y2="{base}"/>{texts}'
 
 
-def _counts(most: int, left: float, base: float, tall: float) -> str:
+def _counts(maximum: int, left: float, base: float, bar_scale: float) -> str:
     """Return a vertical axis of counts: zero, half of the maximum if whole, the maximum."""
     texts = "".join(
-        f'<text x="{left - 4}" y="{base - tall * count + 4:.1f}" text-anchor="end">{formatted(count)}</text>'
-        for count in (0, *((most // 2,) if most % 2 == 0 else ()), most)
+        f'<text x="{left - 4}" y="{base - bar_scale * count + 4:.1f}" text-anchor="end">{format_number(count)}</text>'
+        for count in (0, *((maximum // 2,) if maximum % 2 == 0 else ()), maximum)
     )
     return f'<line class="frame" x1="{left}" x2="{left}" y1="{HEAD}" y2="{base}"/>{texts}'
 
 
-def formatted(value: float) -> str:
-    """Return a number with three digits or more, without an exponent if possible."""
+def format_number(value: float) -> str:
+    """Format a number with three digits or more, without an exponent if possible."""
     if abs(value) < 1e-12:
         return "0"
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

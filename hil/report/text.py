@@ -17,14 +17,14 @@ def figures_text(summary: Summary) -> str:
     return "\n".join([*lines, loop_line(summary)])
 
 
-def goal_cells(goal: dict[str, Any], moment: str = "") -> tuple[str, ...]:
-    """Return one goal's figures as texts with units; `moment` replaces its time in seconds."""
-    at = moment or f"{goal['t_s']:.0f} s"
-    settled = "never" if goal["settling_s"] is None else f"{goal['settling_s']:.0f} s"
+def goal_cells(goal: dict[str, Any], time_override: str = "") -> tuple[str, ...]:
+    """Return the figures of a goal as texts with units; `time_override` replaces its time in seconds."""
+    time_text = time_override or f"{goal['t_s']:.0f} s"
+    settling_text = "never" if goal["settling_s"] is None else f"{goal['settling_s']:.0f} s"
     return (
-        f"{goal['goal_deg']:.0f} deg at {at}",
+        f"{goal['goal_deg']:.0f} deg at {time_text}",
         f"{goal['overshoot_deg']:.2f} deg",
-        settled,
+        settling_text,
         f"{goal['mean_error_deg']:+.2f} deg",
         f"{goal['rms_error_deg']:.2f} deg",
         f"{goal['p95_error_deg']:.2f} deg",
@@ -42,7 +42,7 @@ def loop_line(summary: Summary) -> str:
     if loop is None:
         return f"loop: no readable onboard log; {speed}"
     lateness = loop["lateness_us"]
-    late = f"; {loop['note']}" if loop["note"] else ""
+    lateness_text = f"; {loop['note']}" if loop["note"] else ""
     if lateness is not None:
-        late = "; lateness of ticks " + ", ".join(f"{name} {value:.0f} us" for name, value in lateness.items())
-    return f"loop: {loop['ticks']} ticks, {loop['skipped']} skipped{late}; {speed}"
+        lateness_text = "; lateness of ticks " + ", ".join(f"{name} {value:.0f} us" for name, value in lateness.items())
+    return f"loop: {loop['ticks']} ticks, {loop['skipped']} skipped{lateness_text}; {speed}"

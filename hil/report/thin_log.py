@@ -1,4 +1,4 @@
-"""The thin log of a boat: one row a minute for a year, as arrays, and its plots over days."""
+"""The thin log of a boat, one row a minute, as arrays, and the data of its plots over days."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from hil.sim.truth import Array
 Rows = NDArray[np.intp]
 DAY_S: Final = 86_400.0
 _GAP_S: Final = 600.0  # no line is drawn across a longer gap between two rows
-_SAILING = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
-_UPKEEP = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
+_SAILING_COLUMNS = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
+_UPKEEP_COLUMNS = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +48,10 @@ class ThinTable:
 
 
 def read(paths: Sequence[Path]) -> ThinTable:
-    """Read thin logs without rows of impossible times. Raises UsageError for a log that cannot be read."""
+    """Read thin logs without rows of impossible times; raise UsageError for a log that cannot be read."""
     rows: list[tuple[float, ...]] = []
     times_s: list[float] = []
-    columns = {"THIN": ("TimeUS", *_SAILING), "THNE": _UPKEEP}
+    columns = {"THIN": ("TimeUS", *_SAILING_COLUMNS), "THNE": _UPKEEP_COLUMNS}
     for path in paths:
         sailing: tuple[float, ...] | None = None
         try:
@@ -66,13 +66,15 @@ def read(paths: Sequence[Path]) -> ThinTable:
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
     utc_s = corrected_utc_s([row[0] for row in rows], times_s, [row[1] for row in rows])
-    known = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
+    is_known = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
     undated = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
-    table = np.array(sorted(known), dtype=np.float64).reshape(-1, len(_SAILING) + len(_UPKEEP))
-    return ThinTable(dict(zip((*_SAILING, *_UPKEEP), table.T.copy(), strict=True)), float(np.nansum(undated)))
+    table = np.array(sorted(is_known), dtype=np.float64).reshape(-1, len(_SAILING_COLUMNS) + len(_UPKEEP_COLUMNS))
+    return ThinTable(
+        dict(zip((*_SAILING_COLUMNS, *_UPKEEP_COLUMNS), table.T.copy(), strict=True)), float(np.nansum(undated))
+    )
 
 
-def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
+def day_rows(table: ThinTable) -> Iterator[tuple[str, ...]]:
     """Yield a row of texts for each day, the header first."""
     yield "day (UTC)", "logged", "armed", "rms error", "rudder travel", "servo energy", "made good", "faults", "skipped"
     utc_s = table["Utc"]
@@ -82,13 +84,13 @@ def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
         seconds = np.nan_to_num(table["Sec"][day])
         hours = float(seconds.sum()) / 3600.0
         rms = table["Rms"][day]
-        known = np.isfinite(rms)
-        mean = math.sqrt(float(np.average(rms[known] ** 2))) if known.any() else math.nan
+        is_known = np.isfinite(rms)
+        mean = math.sqrt(float(np.average(rms[is_known] ** 2))) if is_known.any() else math.nan
         yield (
             dt.datetime.fromtimestamp(number * DAY_S, tz=dt.UTC).strftime("%Y-%m-%d"),
             f"{hours:.1f} h",
             f"{float(np.sum(seconds * table['Arm'][day])) / 3600.0:.1f} h",
-            f"{math.degrees(mean):.1f} deg" if known.any() else "-",
+            f"{math.degrees(mean):.1f} deg" if is_known.any() else "-",
             f"{math.degrees(float(np.nansum(table['Trv'][day]))):.0f} deg",
             f"{float(np.nansum(table['Enr'][day])) / 3600.0:.2f} Wh",
             f"{made_good_m(table, day) / 1000.0:.1f} km",
@@ -100,24 +102,24 @@ def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
 def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
     """Return the distance between the first and the last known position of some rows."""
     lat, lng = table["Lat"], table["Lng"]
-    known = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
-    if known.size < 2:
+    is_known = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
+    if is_known.size < 2:
         return 0.0
-    begin, end = (Place(float(lat[row]), float(lng[row])) for row in (known[0], known[-1]))
+    begin, end = (Place(float(lat[row]), float(lng[row])) for row in (is_known[0], is_known[-1]))
     return begin.distance_and_bearing(end)[0]
 
 
-def places_m(table: ThinTable) -> tuple[Array, Array]:
-    """Return north and east of the first known position."""
+def positions_m(table: ThinTable) -> tuple[Array, Array]:
+    """Return the positions north and east of the first known position."""
     lat, lng = table["Lat"], table["Lng"]
-    known = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
-    if not known.size:
+    is_known = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
+    if not is_known.size:
         return lat, lng
-    east_rad = np.remainder(lng - lng[known[0]] + math.pi, math.tau) - math.pi
-    return (lat - lat[known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[known[0]])) * EARTH_RADIUS_M
+    east_rad = np.remainder(lng - lng[is_known[0]] + math.pi, math.tau) - math.pi
+    return (lat - lat[is_known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[is_known[0]])) * EARTH_RADIUS_M
 
 
-# Panels, drawn if any value is known: name with unit, column, factor.
+# Panels: name with unit, column, factor; drawn if any value is known.
 PANELS: Final = (
     ("rms error, deg", "Rms", math.degrees(1.0)),
     ("rudder travel, deg/h", "Trv", math.degrees(3600.0)),
@@ -140,12 +142,12 @@ def panel_values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
     return np.asarray((values > 0.0).astype(float) if label == "Flt" else values)
 
 
-def gaps_of(time_s: Array) -> Rows:
-    """Return the first rows after gaps."""
+def gap_rows(time_s: Array) -> Rows:
+    """Return the numbers of the first rows after gaps."""
     return np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
 
 
-def broken(time_s: Array, columns: Mapping[str, Array], gaps: Rows) -> dict[str, Array]:
-    """Return columns over time with NaN rows before `gaps`, where lines are broken."""
-    found = {name: np.insert(values, gaps, np.nan) for name, values in columns.items()}
-    return {"time_s": np.insert(time_s, gaps, (time_s[gaps - 1] + time_s[gaps]) / 2.0), **found}
+def with_breaks(time_s: Array, columns: Mapping[str, Array], gaps: Rows) -> dict[str, Array]:
+    """Return the columns with NaN rows before the rows `gaps`, where lines of a plot are interrupted."""
+    columns_with_breaks = {name: np.insert(values, gaps, np.nan) for name, values in columns.items()}
+    return {"time_s": np.insert(time_s, gaps, (time_s[gaps - 1] + time_s[gaps]) / 2.0), **columns_with_breaks}

@@ -1,4 +1,4 @@
-"""Runs and logs as voyages, the data of the plots of firmware_py.view: few rows for any length."""
+"""Conversion of runs and logs to voyages, the data of the plots of firmware_py.view, with a limited number of rows."""
 
 from __future__ import annotations
 
@@ -13,97 +13,102 @@ from firmware_py.view.model import Line, Panel, Voyage, numbers, plan_rows, voya
 from hil.report import thin_log
 from hil.report.field_log import FieldLog
 from hil.report.spectrum import log_spectra
-from hil.report.thin_log import ThinTable, broken, gaps_of, panel_values, places_m
-from hil.report.thinning import thinned
+from hil.report.thin_log import ThinTable, gap_rows, panel_values, positions_m, with_breaks
+from hil.report.thinning import thin_truth
 from hil.sim.truth import Array, Truth
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
-MAX_AGE_S: Final = 2.5  # of slow values, which are logged every second
+MAX_AGE_S: Final = 2.5  # of values that are logged once a second
 _DAY_LINES: Final = 20_000
 
 
 def run_voyage(truth: Truth, log: FieldLog | None, shift_s: float) -> Voyage:
-    """Return the voyage of a run: a thinned truth and the boat's logged values, which are `shift_s` earlier."""
-    # Goals of the run precede those in the log; in a mission there are only the latter.
-    known = {name: column for name, column in _columns(truth).items() if np.isfinite(column).any()}
-    made = voyage(
-        {**({} if log is None else _onboard(log, truth.time_s - shift_s)), **known},
+    """Return the voyage of a run: a thinned truth and the logged values, whose time is `shift_s` less."""
+    # Goals of the run replace those in the log; a mission has only those in the log.
+    finite_columns = {name: column for name, column in _columns(truth).items() if np.isfinite(column).any()}
+    voyage_data = voyage(
+        {**({} if log is None else _onboard(log, truth.time_s - shift_s)), **finite_columns},
         [] if log is None else [(t_s + shift_s, severity, text) for t_s, severity, text in log.texts],
     )
-    made["origin"] = [START_LATITUDE_DEG, START_LONGITUDE_DEG]
+    voyage_data["origin"] = [START_LATITUDE_DEG, START_LONGITUDE_DEG]
     if log is not None:
-        made |= _beside(log)
-    return made
+        voyage_data |= _plans_and_spectrum(log)
+    return voyage_data
 
 
 def field_voyage(log: FieldLog) -> Voyage:
-    """Return the voyage of a boat's own logs."""
+    """Return the voyage of the logs of a boat."""
     truth = log.truth
-    few = thinned((truth,), truth.time_s.size)
-    gaps = np.searchsorted(few.time_s, truth.time_s[list(log.cuts)])
-    columns = broken(few.time_s, {**_onboard(log, few.time_s), **_columns(few)}, gaps)
-    made = voyage(columns, log.texts) | _beside(log)
-    made["begin_utc_s"], made["origin"] = log.axis_utc_s(), None if log.origin is None else numbers(log.origin, 7)
-    return made
+    thinned_truth = thin_truth((truth,), truth.time_s.size)
+    gaps = np.searchsorted(thinned_truth.time_s, truth.time_s[list(log.cuts)])
+    columns = with_breaks(
+        thinned_truth.time_s, {**_onboard(log, thinned_truth.time_s), **_columns(thinned_truth)}, gaps
+    )
+    voyage_data = voyage(columns, log.texts) | _plans_and_spectrum(log)
+    voyage_data["begin_utc_s"], voyage_data["origin"] = (
+        log.axis_utc_s(),
+        None if log.origin is None else numbers(log.origin, 7),
+    )
+    return voyage_data
 
 
 def days_voyage(table: ThinTable) -> Voyage:
     """Return the voyage of a thin log: one row a minute, lines broken at gaps."""
     begin_s = float(table["Utc"][0])
     every = max(1, math.ceil(table.rows / _DAY_LINES))
-    north_m, east_m = places_m(table)
-    named = {f"day_{number}": panel_values(table, panel) for number, panel in enumerate(thin_log.PANELS)}
+    north_m, east_m = positions_m(table)
+    panel_columns = {f"day_{number}": panel_values(table, panel) for number, panel in enumerate(thin_log.PANELS)}
     time_s = table["Utc"] - begin_s
-    columns = broken(time_s, {**named, "north_m": north_m, "east_m": east_m}, gaps_of(time_s))
+    columns = with_breaks(time_s, {**panel_columns, "north_m": north_m, "east_m": east_m}, gap_rows(time_s))
     panels = [
         Panel(title, (Line(f"day_{number}", title),), step=label == "Flt")
         for number, (title, label, _) in enumerate(thin_log.PANELS)
     ]
-    made = voyage({name: column[::every] for name, column in columns.items()}, (), panels)
-    return made | {"begin_utc_s": begin_s}
+    voyage_data = voyage({name: column[::every] for name, column in columns.items()}, (), panels)
+    return voyage_data | {"begin_utc_s": begin_s}
 
 
 def _columns(truth: Truth) -> dict[str, Array]:
-    bare = np.array_equal(truth.heading_rad, truth.heading_low_rad)
-    lying = not (np.any(truth.north_m) or np.any(truth.east_m))  # without a receiver there is no track
+    has_no_waves = np.array_equal(truth.heading_rad, truth.heading_low_rad)
+    has_no_track = not (np.any(truth.north_m) or np.any(truth.east_m))  # no receiver
     return {
         "time_s": truth.time_s,
-        **({} if bare else {"compass_deg": np.degrees(truth.heading_rad)}),
+        **({} if has_no_waves else {"compass_deg": np.degrees(truth.heading_rad)}),
         "heading_deg": np.degrees(truth.heading_low_rad),
         "goal_deg": np.degrees(truth.goal_rad),
         "error_deg": np.degrees(truth.heading_low_rad - truth.goal_rad),
         "yaw_rate_deg_s": np.degrees(truth.yaw_rate_rad_s),
         "rudder_deg": np.degrees(truth.rudder_rad),
         "command_deg": np.degrees(truth.rudder_command_rad),
-        **({} if lying else {"north_m": truth.north_m, "east_m": truth.east_m}),
+        **({} if has_no_track else {"north_m": truth.north_m, "east_m": truth.east_m}),
     }
 
 
-def _onboard(log: FieldLog, at_s: Array) -> dict[str, Array]:
+def _onboard(log: FieldLog, times_s: Array) -> dict[str, Array]:
     """Return the logged values at some times of the log; NaN if older than MAX_AGE_S."""
     time_s = log.truth.time_s
-    place = np.searchsorted(time_s, at_s + 1e-6, side="right") - 1
-    found: dict[str, Array] = {}
-    for name, values in log.more.items():
-        known = np.flatnonzero(np.isfinite(values))
-        if not known.size:
+    rows = np.searchsorted(time_s, times_s + 1e-6, side="right") - 1
+    values_at_times: dict[str, Array] = {}
+    for name, values in log.columns.items():
+        finite_columns = np.flatnonzero(np.isfinite(values))
+        if not finite_columns.size:
             continue
-        newest = np.searchsorted(known, place, side="right") - 1
-        source = known[np.maximum(newest, 0)]
-        fresh = (newest >= 0) & (at_s - time_s[source] <= MAX_AGE_S)
-        found[name] = np.where(fresh, values[source], math.nan)
-    return found
+        newest = np.searchsorted(finite_columns, rows, side="right") - 1
+        source = finite_columns[np.maximum(newest, 0)]
+        is_recent = (newest >= 0) & (times_s - time_s[source] <= MAX_AGE_S)
+        values_at_times[name] = np.where(is_recent, values[source], math.nan)
+    return values_at_times
 
 
-def _beside(log: FieldLog) -> dict[str, Any]:
-    plans: dict[str, Any] = {name: plan_rows(plan) for name, plan in _plans(log.plans)}
+def _plans_and_spectrum(log: FieldLog) -> dict[str, Any]:
+    plans: dict[str, Any] = {name: plan_rows(plan) for name, plan in _nonempty_plans(log.plans)}
     if log.home is not None:
         plans["home"] = numbers(log.home, 7)
-    made: dict[str, Any] = {"plans": plans, "first_item": log.first_item} if plans else {}
+    voyage_data: dict[str, Any] = {"plans": plans, "first_item": log.first_item} if plans else {}
     if (spectrum := log_spectra(log)) is not None:
-        made["spectrum"] = spectrum
-    return made
+        voyage_data["spectrum"] = spectrum
+    return voyage_data
 
 
-def _plans(plans: Mapping[str, Plan]) -> Iterator[tuple[str, Plan]]:
+def _nonempty_plans(plans: Mapping[str, Plan]) -> Iterator[tuple[str, Plan]]:
     return ((name, plan) for name, plan in plans.items() if plan.items)

@@ -1,4 +1,4 @@
-"""Gateway between satellite messages and a ground station: MAVLink frames of the boat out, commands in."""
+"""Gateway between satellite messages and a ground station: forwards MAVLink frames of the boat and commands to it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Final, Protocol
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from hil.shore.short_form import Numbers, encode
+from hil.shore.short_form import MessageNumbers, encode
 
 MAX_BYTES: Final = 270  # of a message to the boat
 REPEAT_S: Final = 300.0  # a command repeated within this time is acknowledged as in progress and not sent again
 COMPONENT: Final = 1
 _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 # Messages that are sent by satellite. Parameter lists, missions, logs and files are for other links.
-_SENT = _COMMANDS | {
+_SUPPORTED = _COMMANDS | {
     "SET_MODE",
     "PARAM_SET",
     "MISSION_SET_CURRENT",
@@ -37,40 +37,40 @@ class Station(Protocol):
 
 
 @dataclass(slots=True)
-class _Order:
-    """A command under way and the time at which it was sent."""
+class _PendingCommand:
+    """A command without acknowledgement and the time at which it was sent."""
 
     sent_s: float
     command: int | None
 
 
 class Gateway:
-    """Process messages and commands one by one; time is an argument; output goes to `station` and `hand_over`.
+    """Process messages and commands one by one; time is an argument; output goes to `station` and `deliver`.
 
-    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is that of its first frame. Frames of
+    `deliver` takes the modem's IMEI and a message for it. The boat's system id is that of its first frame. Frames of
     another system and of an unknown kind are dropped, counted and reported.
     """
 
     def __init__(
         self,
         station: Station,
-        hand_over: Callable[[str, bytes], None],
-        say: Callable[[str], None],
+        deliver: Callable[[str, bytes], None],
+        log: Callable[[str], None],
         *,
         key: bytes | None = None,
         imei: str = "",
     ) -> None:
         """Take both sides; without a key commands are sent as plain MAVLink."""
-        self._station, self._hand_over, self._say = station, hand_over, say
+        self._station, self._deliver, self._log = station, deliver, log
         self._key = key
         self.imei = imei
         self.system = 1
         self.dropped: Counter[str] = Counter()
-        self._boat_known = False  # after its first frame, which has its system id
-        self._numbers = Numbers()
-        self._orders: dict[bytes, _Order] = {}
-        self._last: dict[str, Any] = {}
-        self._refused: set[str] = set()
+        self._has_system_id = False  # after its first frame, which has its system id
+        self._numbers = MessageNumbers()
+        self._pending: dict[bytes, _PendingCommand] = {}
+        self._last_frames: dict[str, Any] = {}
+        self._reported_kinds: set[str] = set()
 
     # ------------------------------------------------------------------ from the boat
 
@@ -79,22 +79,22 @@ class Gateway:
         if self.imei and imei != self.imei:
             self._drop("message of another modem", f"{imei}; the boat's is {self.imei}")
             return 0
-        passed_on = [frame for frame in parse(content) if self._is_of_boat(frame)]
-        for frame in passed_on:
+        forwarded = [frame for frame in parse(content) if self._is_of_boat(frame)]
+        for frame in forwarded:
             self.imei = imei
             if frame.get_type() == "COMMAND_ACK":
-                self._orders = {order: row for order, row in self._orders.items() if row.command != frame.command}
+                self._pending = {key: row for key, row in self._pending.items() if row.command != frame.command}
             self._station.send(frame, frame.get_srcSystem(), frame.get_srcComponent())
-            self._last[frame.get_type()] = frame
-        self._say(f"message of {len(content)} bytes: {', '.join(each.get_type() for each in passed_on) or 'nothing'}")
-        return len(passed_on)
+            self._last_frames[frame.get_type()] = frame
+        self._log(f"message of {len(content)} bytes: {', '.join(frame.get_type() for frame in forwarded) or 'nothing'}")
+        return len(forwarded)
 
     def _is_of_boat(self, frame: Any) -> bool:
         if isinstance(frame, mavlink.MAVLink_unknown):
             self._drop("frame of unknown kind", frame.get_type().removeprefix("UNKNOWN_"))
             return False
-        if not self._boat_known:
-            self._boat_known, self.system = True, frame.get_srcSystem()
+        if not self._has_system_id:
+            self._has_system_id, self.system = True, frame.get_srcSystem()
         if frame.get_srcSystem() != self.system:
             self._drop("frame of another system", f"{frame.get_srcSystem()}; the boat is system {self.system}")
             return False
@@ -102,40 +102,42 @@ class Gateway:
 
     def _drop(self, kind: str, detail: str) -> None:
         self.dropped[kind] += 1
-        self._say(f"{kind} {detail}: dropped ({self.dropped[kind]} so far)")
+        self._log(f"{kind} {detail}: dropped ({self.dropped[kind]} so far)")
 
-    def greet(self) -> None:
+    def send_last_report(self) -> None:
         """Send the last report to a station that has just connected."""
-        if (report := self._last.get("HIGH_LATENCY2")) is not None:
+        if (report := self._last_frames.get("HIGH_LATENCY2")) is not None:
             self._station.send(report, report.get_srcSystem(), report.get_srcComponent())
 
     # ------------------------------------------------------------------ from the station
 
-    def receive_order(self, message: Any, now_s: float, utc_s: float) -> None:
+    def receive_command(self, message: Any, now_s: float, utc_s: float) -> None:
         """Send a command to the boat as a message, or report the reason if it is not sent."""
         name = message.get_type()
         target = getattr(message, "target_system", 0)
         if name in _PERIODIC or target not in (0, self.system) or isinstance(message, mavlink.MAVLink_unknown):
             return
-        if name not in _SENT:
+        if name not in _SUPPORTED:
             self._report_unsupported(name)
             return
         command = int(message.command) if name in _COMMANDS else None
         if command in _REQUESTS:
             self._acknowledge(command, mavlink.MAV_RESULT_UNSUPPORTED, message)
             return
-        order = _order_of(message)
-        self._orders = {known: row for known, row in self._orders.items() if now_s - row.sent_s < REPEAT_S}
-        if order in self._orders:
+        key = _command_key(message)
+        self._pending = {
+            pending_key: row for pending_key, row in self._pending.items() if now_s - row.sent_s < REPEAT_S
+        }
+        if key in self._pending:
             self._acknowledge(command, mavlink.MAV_RESULT_IN_PROGRESS, message)
             return
         problem = self._send(message, utc_s)
         if problem:
-            self._say(f"{name} not sent: {problem}")
+            self._log(f"{name} not sent: {problem}")
             self._report(mavlink.MAV_SEVERITY_WARNING, f"Not sent: {problem}")
             self._acknowledge(command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, message)
             return
-        self._orders[order] = _Order(now_s, command)
+        self._pending[key] = _PendingCommand(now_s, command)
         self._acknowledge(command, mavlink.MAV_RESULT_IN_PROGRESS, message)
 
     def _send(self, message: Any, utc_s: float) -> str:
@@ -148,13 +150,13 @@ class Gateway:
             content = encode(message, sender, self._numbers.next(utc_s), self._key, self.imei)
         if len(content) > MAX_BYTES:
             return f"{len(content)} bytes exceed {MAX_BYTES}"
-        self._hand_over(self.imei, bytes(content))
-        self._say(f"sent to the boat: {message.get_type()}, {len(content)} bytes")
+        self._deliver(self.imei, bytes(content))
+        self._log(f"sent to the boat: {message.get_type()}, {len(content)} bytes")
         return ""
 
     def report_problem(self, text: str) -> None:
         """Report a problem with a message to the operator and the station."""
-        self._say(text)
+        self._log(text)
         self._report(mavlink.MAV_SEVERITY_WARNING, text)
 
     # ------------------------------------------------------------------
@@ -166,8 +168,8 @@ class Gateway:
             self._station.send(reply, self.system, COMPONENT)
 
     def _report_unsupported(self, name: str) -> None:
-        if name not in self._refused:
-            self._refused.add(name)
+        if name not in self._reported_kinds:
+            self._reported_kinds.add(name)
             self._report(mavlink.MAV_SEVERITY_NOTICE, f"Not supported by satellite: {name}")
 
     def _report(self, severity: int, text: str) -> None:
@@ -181,7 +183,7 @@ def parse(content: bytes) -> list[Any]:
     return [frame for frame in decoder.parse_buffer(content) or () if frame.get_type() != "BAD_DATA"]
 
 
-def _order_of(message: Any) -> bytes:
+def _command_key(message: Any) -> bytes:
     """Return the identity of a command for the detection of repetitions: its payload without the confirmation."""
     fields: Mapping[str, Any] = message.to_dict()
     return repr(sorted((name, str(value)) for name, value in fields.items() if name != "confirmation")).encode()

@@ -1,4 +1,4 @@
-"""Messages over HTTP in the RockBLOCK format: POST requests from and to the provider."""
+"""Messages over HTTP in the RockBLOCK format, as POST requests from and to the provider."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TIMEOUT_S = 10.0
 
 
 def read_request(content_type: str, body: bytes) -> tuple[str, int, bytes]:
-    """Return IMEI, number and message of a request, as a form or JSON; ValueError for anything else."""
+    """Return IMEI, number and message of a request with a form or JSON; raise ValueError for an invalid one."""
     if content_type.partition(";")[0].strip() == "application/json":
         values = json.loads(body)
         if not isinstance(values, dict):
@@ -39,10 +39,10 @@ def read_request(content_type: str, body: bytes) -> tuple[str, int, bytes]:
 
 
 class Inbox:
-    """Serve POST requests in a thread; the reply is 200 once the message is on disk."""
+    """Server of POST requests in a thread; it replies 200 after the message is on disk."""
 
-    def __init__(self, place: tuple[str, int], post: MessagePost) -> None:
-        """Listen, or raise UsageError."""
+    def __init__(self, address: tuple[str, int], post: MessagePost) -> None:
+        """Start to listen; raise UsageError if that fails."""
 
         class Handler(BaseHTTPRequestHandler):
             """One request."""
@@ -52,21 +52,21 @@ class Inbox:
             def do_POST(self) -> None:
                 size = self.headers.get("Content-Length", "")
                 if not (size.isascii() and size.isdigit() and len(size) < 8 and int(size) <= _MAX_BYTES):
-                    self._answer(413, "give Content-Length, up to 16384")
+                    self._reply(413, "give Content-Length, up to 16384")
                     return
                 try:
                     message = read_request(self.headers.get("Content-Type", ""), self.rfile.read(int(size)))
                 except (ValueError, RecursionError) as error:
-                    self._answer(400, str(error)[:200])
+                    self._reply(400, str(error)[:200])
                     return
                 try:
                     post.put(*message)
                 except OSError as error:
-                    self._answer(503, str(error.strerror))
+                    self._reply(503, str(error.strerror))
                     return
-                self._answer(200, "OK")
+                self._reply(200, "OK")
 
-            def _answer(self, code: int, text: str) -> None:
+            def _reply(self, code: int, text: str) -> None:
                 body = text.encode("ascii", "replace") + b"\n"
                 self.send_response(code)
                 self.send_header("Content-Type", "text/plain")
@@ -75,12 +75,12 @@ class Inbox:
                 self.wfile.write(body)
 
             def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - http.server's name
-                """Log nothing: the gateway reports messages."""
+                """Log nothing; the gateway reports messages."""
 
         try:
-            self._server = ThreadingHTTPServer(place, Handler)
+            self._server = ThreadingHTTPServer(address, Handler)
         except OSError as error:
-            raise UsageError(f"--http {place[0]}:{place[1]}: {error.strerror}; give another port") from None
+            raise UsageError(f"--http {address[0]}:{address[1]}: {error.strerror}; give another port") from None
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self._thread = threading.Thread(target=self._server.serve_forever, name="inbox", daemon=True)
@@ -101,7 +101,7 @@ class Sender:
     password: str
 
     def send(self, imei: str, message: bytes) -> str:
-        """Send a message; return the reason if the service rejects it, else an empty text. OSError: try again."""
+        """Send a message; return the reason of a rejection, else an empty text. After an OSError try again."""
         fields = {"imei": imei, "username": self.user, "password": self.password, "data": message.hex()}
         request = urllib.request.Request(self.url, urllib.parse.urlencode(fields).encode(), method="POST")  # noqa: S310 - http only, checked
         with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as reply:  # noqa: S310

@@ -12,7 +12,7 @@ from hil.lab.campaign.page import NAMES
 from hil.lab.campaign.statistics import Estimate
 from hil.lab.campaign.store import Results
 from hil.report import page, svg
-from hil.report.svg import Interval, formatted
+from hil.report.svg import Interval, format_number
 
 DIFFERENCE = "second minus first"
 HEAD = (
@@ -93,7 +93,7 @@ def _row(one: Difference) -> Sequence[str]:
         *_more(one.more),
         "-" if one.less is None else f"{100.0 * one.less:.0f} %",
         f"{one.never[0]}, {one.never[1]}" if any(one.never) else "",
-        "-" if one.detectable is None else formatted(one.detectable),
+        "-" if one.detectable is None else format_number(one.detectable),
         "-" if one.runs_for_small is None else f"{one.runs_for_small} runs",
     )
 
@@ -110,13 +110,13 @@ def _more(more: Estimate) -> tuple[str, str]:
 
 
 def _value(value: float) -> str:
-    return formatted(value) if math.isfinite(value) else "never"
+    return format_number(value) if math.isfinite(value) else "never"
 
 
 def _signed(value: float) -> str:
     if math.isinf(value):
         return "+any" if value > 0.0 else "-any"
-    return f"+{formatted(value)}" if value > 0.0 else formatted(value)
+    return f"+{format_number(value)}" if value > 0.0 else format_number(value)
 
 
 def _differing(first: Results, second: Results) -> list[str]:

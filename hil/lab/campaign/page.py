@@ -13,7 +13,7 @@ from hil.lab.campaign import statistics, store
 from hil.lab.campaign.store import Results
 from hil.report import page, svg
 from hil.report.page import Cell
-from hil.report.svg import Interval, formatted
+from hil.report.svg import Interval, format_number
 from hil.sim.truth import Array
 
 # Titles and units of the scores.
@@ -72,8 +72,8 @@ def _spread(name: str, values: Array) -> str:
     if not finite.size:
         return svg.card(f"{title}, {unit}", "", "no run has this score")
     low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)).tolist()
-    percentiles = f"median {formatted(middle)}, 5 to 95 %: {formatted(low)} to {formatted(high)}"
-    lines = [f"{percentiles}, largest {formatted(np.max(finite))} {unit}"]
+    percentiles = f"median {format_number(middle)}, 5 to 95 %: {format_number(low)} to {format_number(high)}"
+    lines = [f"{percentiles}, largest {format_number(np.max(finite))} {unit}"]
     if never:
         lines.append(f"never in {never} runs ({_percent(never / values.size)})")
     return svg.card(f"{title}, {unit}", svg.histogram(finite, (low, middle, high)), *lines)
@@ -124,7 +124,7 @@ def _median(values: Array) -> str:
     if not known.size:
         return "-"
     value = float(known[(known.size - 1) // 2])
-    return "never" if np.isinf(value) else formatted(value)
+    return "never" if np.isinf(value) else format_number(value)
 
 
 def _worst(results: Results) -> Iterator[str]:
@@ -164,7 +164,7 @@ def _drawn(results: Results, row: int) -> Cell:
 
 
 def _score(name: str, value: float) -> str:
-    return "never" if np.isinf(value) else f"{formatted(value)} {NAMES[name][1]}"
+    return "never" if np.isinf(value) else f"{format_number(value)} {NAMES[name][1]}"
 
 
 def _words(text_: str) -> Cell:

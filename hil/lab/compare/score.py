@@ -11,10 +11,10 @@ from firmware_py.common.angles import degrees, radians
 from hil.report.figures import (
     STEADY_AFTER_S,
     goal_spans,
-    off_goal_rad,
+    heading_error_rad,
     overshoot_rad,
     rudder_travel_deg_per_h,
-    turned_goal_rad,
+    unwrapped_goal_rad,
 )
 from hil.sim.truth import Array, Truth
 
@@ -46,7 +46,7 @@ def score_of(truth: Truth) -> Score:
     errors, travel_deg, hours = [], 0.0, 0.0
     for first, last in spans:
         steady = first + int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
-        errors.append(off_goal_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
+        errors.append(heading_error_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
         share_h = _length_s(truth, steady, last) / 3600.0
         travel_deg += share_h * rudder_travel_deg_per_h(truth.time_s[steady:last], truth.rudder_rad[steady:last])
         hours += share_h
@@ -107,7 +107,7 @@ def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, 
 def _turning_rad(truth: Truth, first: int, last: int) -> Array:
     """Return heading minus goal over a goal, unwrapped in the direction of the turn."""
     heading_rad = truth.heading_low_rad[first:last]
-    return np.asarray(heading_rad - turned_goal_rad(float(truth.goal_rad[first]), float(heading_rad[-1])))
+    return np.asarray(heading_rad - unwrapped_goal_rad(float(truth.goal_rad[first]), float(heading_rad[-1])))
 
 
 def _length_s(truth: Truth, first: int, last: int) -> float:

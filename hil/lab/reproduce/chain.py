@@ -21,7 +21,7 @@ from hil.lab.tune.cases import autopilot_of
 from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.search import Tuned, tune
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
-from hil.report.figures import GoalFigures, goal_figures, goal_spans, off_goal_rad
+from hil.report.figures import GoalFigures, goal_figures, goal_spans, heading_error_rad
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.logbook import RunOptions
@@ -68,7 +68,7 @@ class Voyage:
         truth = self.truth
         for (first, last), goal in zip(goal_spans(truth.goal_rad), self.figures, strict=False):
             steady = first + int(np.searchsorted(truth.time_s[first:last], goal.steady_from_s - 1e-9))
-            errors = np.abs(off_goal_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
+            errors = np.abs(heading_error_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
             largest_rad = max(largest_rad, float(np.max(errors, initial=0.0)))
         return math.degrees(largest_rad)
 

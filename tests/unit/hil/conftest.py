@@ -1,4 +1,4 @@
-"""Pages without the picture of matplotlib, which takes a second to draw."""
+"""Pages without the plot of matplotlib, which takes a second."""
 
 from types import SimpleNamespace
 
@@ -9,6 +9,6 @@ from hil.report import run_page
 
 @pytest.fixture
 def without_picture(monkeypatch):
-    """Make the pages of a computer without matplotlib."""
-    nothing = SimpleNamespace(util=SimpleNamespace(find_spec=lambda _name: None))
-    monkeypatch.setattr(run_page, "importlib", nothing)
+    """Write pages as on a computer without matplotlib."""
+    no_package = SimpleNamespace(util=SimpleNamespace(find_spec=lambda _name: None))
+    monkeypatch.setattr(run_page, "importlib", no_package)

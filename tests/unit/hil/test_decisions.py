@@ -1,4 +1,4 @@
-"""The comparison of two recomputations of a log, which tests/process/test_other_processor.py needs."""
+"""Comparison of two recomputations of a log, for tests/process/test_other_processor.py."""
 
 import math
 import subprocess
@@ -17,42 +17,42 @@ def with_third(rudder_rad, decisions):
     return [*SAME[:2], Tick(rudder_rad, decisions)]
 
 
-def test_the_same_commands_agree_to_the_bit():
+def test_equal_commands_agree():
     assert agreement(SAME, list(SAME)) == Agreement(3, 0.0, "")
 
 
-@pytest.mark.parametrize(("off_rad", "within"), [(4e-10, True), (2e-9, False), (math.nan, False)])
-def test_commands_that_differ_are_measured_by_the_bound(off_rad, within):
-    found = agreement(SAME, with_third(0.3 + off_rad, {}))
-    assert (found.ticks, found.differs) == (3, "")
-    assert (found.largest_rad <= BOUND_RAD) == within
+@pytest.mark.parametrize(("difference_rad", "is_within"), [(4e-10, True), (2e-9, False), (math.nan, False)])
+def test_difference_of_commands_is_compared_with_the_bound(difference_rad, is_within):
+    compared = agreement(SAME, with_third(0.3 + difference_rad, {}))
+    assert (compared.ticks, compared.differs) == (3, "")
+    assert (compared.largest_rad <= BOUND_RAD) == is_within
 
 
-def test_what_follows_a_decision_that_differs_does_not_count():
+def test_ticks_after_a_different_decision_are_ignored():
     later = [*with_third(0.9, {".side": "-1", ".taken": "True"}), Tick(1.0, {})]
     assert agreement([*SAME, Tick(0.4, {})], later) == Agreement(2, 0.0, "tick 2: .side")
 
 
-def test_commands_that_are_no_numbers_agree_with_each_other():
+def test_nan_commands_agree():
     assert agreement(with_third(math.nan, {}), with_third(math.nan, {})) == Agreement(3, 0.0, "")
 
 
-def test_a_tick_too_few_is_a_difference():
+def test_missing_tick_is_a_difference():
     assert agreement(SAME, SAME[:2]).differs == "tick 2 is missing in one of them"
 
 
-def test_decisions_are_what_is_no_float():
+def test_all_values_but_floats_are_decisions():
     assert dict(parts((1, 2.0, None, (b"", "text")))) == {".0": "1", ".2": "None", ".3.1": "'text'"}
 
 
-def test_another_process_makes_the_same_decisions_in_every_tick_of_a_log(tmp_path):
+def test_another_process_makes_the_same_decisions(tmp_path):
     log = tmp_path / "begin.BIN"
-    whole = (REPLAY / "tank_pni_volz.BIN").read_bytes()
-    log.write_bytes(whole[: len(whole) // 4])
-    printed = subprocess.run(
+    content = (REPLAY / "tank_pni_volz.BIN").read_bytes()
+    log.write_bytes(content[: len(content) // 4])
+    output = subprocess.run(
         [sys.executable, decisions.__file__, str(log)], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
     ticks = list(recomputed(log))
     assert len(ticks) > 10
     assert any(tick.decisions for tick in ticks[1:])
-    assert agreement(ticks, read(printed)) == Agreement(len(ticks), 0.0, "")
+    assert agreement(ticks, read(output)) == Agreement(len(ticks), 0.0, "")

@@ -1,4 +1,4 @@
-"""The file of measured figures: what is merged, what stays, what is refused."""
+"""Entries of the file of measured figures, and their merging."""
 
 import json
 import math
@@ -14,23 +14,24 @@ def read(path):
     return json.loads(path.read_text())
 
 
-def test_key_of():
-    assert key_of("trips", "PARAM_SET, p50") == "trips_param_set_p50"
-    assert key_of("lateness", "10 Hz, p99.9") == "lateness_10_hz_p99_9"
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [(("trips", "PARAM_SET, p50"), "trips_param_set_p50"), (("lateness", "10 Hz, p99.9"), "lateness_10_hz_p99_9")],
+)
+def test_key_has_lower_case_letters_digits_and_underscores(words, key):
+    assert key_of(*words) == key
 
 
-def test_entry():
-    made = entry(1.5, "ms", SOURCE, bare=None, aim="", met=False, others="14")
-    assert made == {"value": 1.5, "unit": "ms", "met": False, "others": "14", **SOURCE}
+def test_entry_contains_rounded_value_and_valid_details():
+    details = {"bare": None, "aim": "", "met": False, "others": "14"}
+    assert entry(2.0 / 3.0, "ms", SOURCE, **details) == {
+        "value": 0.666667, "unit": "ms", "met": False, "others": "14", **SOURCE
+    }  # fmt: skip
     assert "bare" not in entry(1.5, "ms", SOURCE, bare=math.nan)
 
 
-def test_rounding():
-    assert entry(2.0 / 3.0, "ms", SOURCE, bare=1.0 / 3.0)["value"] == 0.666667
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_not_a_number_is_rejected(value):
+def test_value_that_is_not_finite_is_rejected(value):
     with pytest.raises(ValueError, match="not a finite"):
         entry(value, "ms", SOURCE)
 
@@ -39,7 +40,7 @@ def test_new_figures_are_appended_together(tmp_path):
     path = tmp_path / "figures.json"
     merge(path, {"b": entry(1.0, "s", SOURCE), "a": entry(2.0, "s", SOURCE)})
     merge(path, {"b": entry(3.0, "s", SOURCE)})
-    assert [(name, kept["value"]) for name, kept in read(path).items()] == [("a", 2.0), ("b", 3.0)]
+    assert [(name, figure["value"]) for name, figure in read(path).items()] == [("a", 2.0), ("b", 3.0)]
 
 
 def test_value_is_the_largest_case(tmp_path):
@@ -58,16 +59,15 @@ def test_cases_of_another_commit_are_replaced(tmp_path):
     assert read(path)["worst"]["value"] == 0.4
 
 
-@pytest.mark.parametrize(("unit", "kept"), [("ms", [1.0, 1.2, 2.0]), (COUNTED, [2.0])])
-def test_repeats_of_counts_are_replaced(tmp_path, unit, kept):
-    """Those of before a change of the program left room for what it had gained."""
+@pytest.mark.parametrize(("unit", "repeats"), [("ms", [1.0, 1.2, 2.0]), (COUNTED, [2.0])])
+def test_repeats_are_appended_except_those_of_counts(tmp_path, unit, repeats):
     path = tmp_path / "figures.json"
     merge(path, {"a": entry(1.1, unit, SOURCE, repeats=[1.0, 1.2])})
     merge(path, {"a": entry(2.0, unit, SOURCE, repeats=[2.0])})
-    assert read(path)["a"]["repeats"] == kept
+    assert read(path)["a"]["repeats"] == repeats
 
 
-def test_origin():
-    found = origin("a command", "a machine")
-    assert list(found) == ["when", "commit", "machine", "command"]
-    assert all(found.values())
+def test_origin_has_date_commit_machine_and_command():
+    source = origin("a command", "a machine")
+    assert list(source) == ["when", "commit", "machine", "command"]
+    assert all(source.values())

@@ -35,6 +35,7 @@ def motion(heading_rad, spread_deg=25.0, yaw_rad=0.35, count=60_000):
 def test_rms_along_and_across_follows_the_spread(yaw_rad):
     along, across, _, _ = motion(0.3, yaw_rad=yaw_rad)
     assert math.hypot(np.std(along), np.std(across)) == pytest.approx(0.4, rel=0.04)
+    assert np.corrcoef(along, across)[0, 1] == pytest.approx(0.0, abs=0.05)
     # The share of the energy across is the mean squared sine of random directions.
     sines = np.sin(np.random.default_rng(1).normal(0.0, math.radians(25.0), 100_000))
     assert np.var(across) / 0.4**2 == pytest.approx(np.mean(sines**2), rel=0.08)

@@ -61,6 +61,7 @@ def test_full_battery_limits_the_charger_and_empty_battery_is_counted():
     full = plant(charge=1.0, panel_w=500.0, battery_wh=100.0)
     full.advance_to(DAY_S / 2)
     assert full.charge > 0.99
+    assert full.totals.into_battery_j == pytest.approx(full.totals.out_of_battery_j, rel=0.1)
     assert energy_error_j(full) == pytest.approx(0.0, abs=1e-6)
     empty = plant(charge=0.01, panel_w=0.0, battery_wh=10.0)
     empty.advance_to(3600.0)

@@ -1,4 +1,4 @@
-"""Messages over HTTP, from a client as the provider's service is one, and to a service as the provider's is one."""
+"""Messages over HTTP from and to the service of the provider."""
 
 import contextlib
 import json
@@ -28,58 +28,58 @@ def post(tmp_path):
 
 @pytest.fixture
 def inbox(post):
-    with contextlib.closing(Inbox(("127.0.0.1", 0), post)) as made:
-        yield made
+    with contextlib.closing(Inbox(("127.0.0.1", 0), post)) as inbox:
+        yield inbox
 
 
-def posted(inbox, body, kind="application/x-www-form-urlencoded"):
+def post_request(inbox, body, kind="application/x-www-form-urlencoded"):
     request = urllib.request.Request(f"http://127.0.0.1:{inbox.port}/", body, {"Content-Type": kind}, method="POST")
     try:
-        with urllib.request.urlopen(request, timeout=30) as answer:
-            return answer.status
+        with urllib.request.urlopen(request, timeout=30) as reply:
+            return reply.status
     except urllib.error.HTTPError as error:
         return error.code
 
 
-def test_a_form_and_json_are_taken_and_a_repetition_counts_once(inbox, post):
+def test_form_and_json_are_stored_and_repetitions_ignored(inbox, post):
     body = urllib.parse.urlencode(FORM).encode()
-    assert [posted(inbox, body), posted(inbox, body)] == [200, 200]
+    assert [post_request(inbox, body), post_request(inbox, body)] == [200, 200]
     assert list(post.take()) == [(IMEI, 17, b"hello")]
-    assert posted(inbox, body) == 200
+    assert post_request(inbox, body) == 200
     assert list(post.take()) == []
-    assert posted(inbox, json.dumps(FORM | {"momsn": 18}).encode(), "application/json") == 200
+    assert post_request(inbox, json.dumps(FORM | {"momsn": 18}).encode(), "application/json") == 200
     assert list(post.take()) == [(IMEI, 18, b"hello")]
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("field", "value"),
     [
-        {"imei": "../../../etc/pas"},
-        {"imei": "30023401075337\u0663"},
-        {"momsn": "-1"},
-        {"momsn": "70000"},
-        {"data": "xyz"},
+        ("imei", "../../../etc/pas"),
+        ("imei", "30023401075337\u0663"),
+        ("momsn", "-1"),
+        ("momsn", "70000"),
+        ("data", "xyz"),
     ],
 )
-def test_what_is_no_message_is_refused_and_leaves_nothing(inbox, post, change):
-    assert posted(inbox, urllib.parse.urlencode(FORM | change).encode()) == 400
+def test_invalid_message_is_rejected(inbox, post, field, value):
+    assert post_request(inbox, urllib.parse.urlencode(FORM | {field: value}).encode()) == 400
     assert list(post.take()) == []
 
 
-def test_noise_and_too_much_are_refused(inbox):
-    assert posted(inbox, b"[" * 5000, "application/json") == 400
-    assert posted(inbox, bytes(20_000)) == 413
+def test_invalid_and_too_large_bodies_are_rejected(inbox):
+    assert post_request(inbox, b"[" * 5000, "application/json") == 400
+    assert post_request(inbox, bytes(20_000)) == 413
 
 
-def test_a_port_that_is_taken_is_an_error_with_a_remedy(inbox, post):
+def test_port_in_use_raises_an_error(inbox, post):
     with pytest.raises(UsageError, match="give another port"):
         Inbox(("127.0.0.1", inbox.port), post)
 
 
 @pytest.mark.parametrize(
-    ("output", "refusal"), [("OK,4114651", ""), ("FAILED,10,Invalid login credentials", "FAILED,10")]
+    ("output", "reason"), [("OK,4114651", ""), ("FAILED,10,Invalid login credentials", "FAILED,10")]
 )
-def test_a_message_is_handed_to_the_service(output, refusal):
+def test_message_is_sent_to_the_service(output, reason):
     calls = []
 
     class Service(BaseHTTPRequestHandler):
@@ -96,6 +96,6 @@ def test_a_message_is_handed_to_the_service(output, refusal):
         thread = threading.Thread(target=server.handle_request)
         thread.start()
         sender = Sender(f"http://127.0.0.1:{server.server_address[1]}/rockblock/MT", "me", "secret")
-        assert sender.send(IMEI, b"\xb5x").startswith(refusal)
+        assert sender.send(IMEI, b"\xb5x").startswith(reason)
         thread.join()
     assert calls == [{"imei": [IMEI], "username": ["me"], "password": ["secret"], "data": ["b578"]}]

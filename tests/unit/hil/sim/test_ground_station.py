@@ -167,8 +167,10 @@ def test_texts_mode_and_named_values_are_stored():
     assert station.mode() == "GUIDED, armed"
 
 
-def test_tap_decodes_a_stream_in_pieces_and_skips_a_bad_checksum():
-    stream = bytearray(Vehicle().heartbeat() * 3)
+def test_tap_decodes_a_signed_stream_in_pieces_and_skips_a_bad_checksum():
+    vehicle = Vehicle()
+    vehicle.mav.signing.secret_key, vehicle.mav.signing.sign_outgoing = bytes(32), True
+    stream = bytearray(vehicle.heartbeat() * 3)
     tap = MavlinkTap([0])
     messages = [message for byte in stream for message in tap.feed(bytes([byte]))]
     assert [message.custom_mode for message in messages] == [15, 15, 15]
