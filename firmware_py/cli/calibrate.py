@@ -67,9 +67,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _compass(arguments: argparse.Namespace, ticks: Iterable[LoggedTick]) -> tuple[int, Mapping[str, float]]:
     estimator = estimate_deviation(ticks)
     result = estimator.result()
-    print(
-        json.dumps(_json_record(estimator, result)) if arguments.json else "\n".join(_report_lines(estimator, result))
-    )
+    if arguments.json:
+        print(json.dumps(_json_record(estimator, result)))
+    else:
+        print("\n".join(_report_lines(estimator, result)))
     if result is None or not result.ready:
         return INSUFFICIENT_DATA, {}
     return 0, {name: round(degrees(value), 2) for name, value in zip(NAMES, result.coefficients_rad, strict=True)}

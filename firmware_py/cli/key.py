@@ -48,9 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a subcommand; return 2 with one line on standard error if it fails."""
-    command: Callable[[argparse.Namespace], None] = {"show-state": _print_state, "set": _set, "remove": _remove}[
-        arguments.key_command
-    ]
+    command = {"show-state": _print_state, "set": _set, "remove": _remove}[arguments.key_command]
     try:
         check_directory(arguments.state)
         command(arguments)

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a subcommand; return 2 with one line on standard error if it fails."""
-    command: Callable[[argparse.Namespace], None] = {
-        "check": _check,
-        "load": _load,
-        "show": _show,
-        "save": _save,
-        "items": _print_items,
-    }[arguments.plan_command]
+    commands = {"check": _check, "load": _load, "show": _show, "save": _save, "items": _print_items}
     try:
-        command(arguments)
+        commands[arguments.plan_command](arguments)
     except (PlanFileError, StoreError) as error:
         print(f"rambler plan {arguments.plan_command}: {error}", file=sys.stderr)
         return 2
@@ -92,9 +86,9 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.json:
         _print_json(plans)
         return
-    new_breaches = _warn_of_breaches(arguments, arguments.file, Plans(), plans)
+    all_breaches = _warn_of_breaches(arguments, arguments.file, Plans(), plans)
     for plan in plans:
-        count = sum(breach.kind is plan.kind for breach in new_breaches)
+        count = sum(breach.kind is plan.kind for breach in all_breaches)
         verdict = f"{count} outside the fence" if count else "all valid"
         print(f"{arguments.file}: {plan.kind.name.lower()}: {_count_text(plan)}, {verdict}")
 
@@ -118,10 +112,9 @@ def _load(arguments: argparse.Namespace) -> None:
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; free space and load it again")
     for plan in plans:
-        removed = len(previous.of(plan.kind).items) if not plan.items else 0
-        print(
-            f"{arguments.state}: {plan.kind.name.lower()}: {_count_text(plan)}" + f", {removed} removed" * bool(removed)
-        )
+        removed_count = 0 if plan.items else len(previous.of(plan.kind).items)
+        removed = f", {removed_count} removed" if removed_count else ""
+        print(f"{arguments.state}: {plan.kind.name.lower()}: {_count_text(plan)}{removed}")
     _warn_of_breaches(arguments, arguments.state, previous, plans)
 
 
@@ -157,11 +150,11 @@ def _warn_of_breaches(
     """Print and return the breaches of the fence after these plans replace the previous ones."""
     for plan in plans:
         previous = previous.replaced(plan)
-    new_breaches = [breach for breach in breaches(previous) if breach is not None]
-    for breach in new_breaches:
+    all_breaches = [breach for breach in breaches(previous) if breach is not None]
+    for breach in all_breaches:
         first_number = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
         _print_note(f"{source}: warning: {breach.message(first_number)}")
-    return new_breaches
+    return all_breaches
 
 
 def _stored_plans(directory: Path) -> Plans:
@@ -172,9 +165,8 @@ def _stored_plans(directory: Path) -> Plans:
     for name in PLAN_FILES.values():
         stored = examine(directory, name)
         if stored.damage:
-            consequence = (
-                "no plan remains" if stored.content is None else "the other slot is used, perhaps an older plan"
-            )
+            other_slot = "the other slot is used, perhaps an older plan"
+            consequence = "no plan remains" if stored.content is None else other_slot
             print(f"{directory}: {stored.damage}: {consequence}", file=sys.stderr)
         if stored.content is None:
             continue

@@ -135,14 +135,8 @@ def _check_owner(options: Options) -> None:
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
     """Start the watchdogs; close the assembly and raise WatchdogError if one fails."""
     try:
-        return Supervision(
-            assembly.parts,
-            assembly.endings,
-            assembly.console.ahead,
-            os.environ,
-            arguments.watchdog,
-            wait=arguments.wait,
-        )
+        parts, endings, ahead = assembly.parts, assembly.endings, assembly.console.ahead
+        return Supervision(parts, endings, ahead, os.environ, arguments.watchdog, wait=arguments.wait)
     except WatchdogError:
         assembly.close()
         raise

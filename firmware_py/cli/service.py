@@ -117,13 +117,8 @@ def _print_status(arguments: argparse.Namespace) -> int:
 
 def _make_service(arguments: argparse.Namespace) -> Service:
     program = _find_program() if arguments.program is None else (str(_absolute_path(arguments.program)),)
-    return Service(
-        program,
-        _absolute_path(arguments.vehicle),
-        _absolute_path(arguments.state),
-        arguments.watchdog,
-        _make_page(arguments),
-    )
+    vehicle, state = _absolute_path(arguments.vehicle), _absolute_path(arguments.state)
+    return Service(program, vehicle, state, arguments.watchdog, _make_page(arguments))
 
 
 def _make_page(arguments: argparse.Namespace) -> Page | None:

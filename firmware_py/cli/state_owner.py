@@ -56,10 +56,8 @@ def find_foreign_files(directory: Path) -> str:
     foreign_paths = [path for path in paths if path.lstat().st_uid != owner_uid and path.name != "lost+found"]
     if not foreign_paths:
         return ""
-    file_owner, others = (
-        describe_user(foreign_paths[0].lstat().st_uid),
-        f" and {len(foreign_paths) - 1} more" if foreign_paths[1:] else "",
-    )
+    file_owner = describe_user(foreign_paths[0].lstat().st_uid)
+    others = f" and {len(foreign_paths) - 1} more" if foreign_paths[1:] else ""
     owner = describe_user(owner_uid)
     remedy = f"chown -R --reference={directory} {directory}"
     return f"{foreign_paths[0]}{others} owned by {file_owner}, the autopilot runs as {owner}; {remedy}"

@@ -135,9 +135,8 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
         yield ", ".join(f"{why} {count}" for why, count in endings["counts"].items())
     for ending in reversed(endings.get("last", [])[-_MAX_PRINTED_ENDINGS:]):
         has_time = is_possible(ending["utc_s"])
-        time_text = (
-            time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if has_time else "at an unknown time"
-        )
+        utc = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if has_time else ""
+        time_text = utc or "at an unknown time"
         yield f"{_INDENT}{time_text}  {ending['why']}{ending['text'] and ', '}{ending['text']}"
 
 
@@ -156,9 +155,8 @@ def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
 
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Yield the state of a satellite modem, its sessions and their cost."""
-    age = (
-        "none yet" if satellite["session_age_s"] is None else f"last {_format_duration(satellite['session_age_s'])} ago"
-    )
+    age_s = satellite["session_age_s"]
+    age = "none yet" if age_s is None else f"last {_format_duration(age_s)} ago"
     blocked = f", blocked: {satellite['blocked_reason']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames queued"

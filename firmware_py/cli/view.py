@@ -61,12 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
         if by_harness and not realtime.end_with_parent(arguments.with_parent):
             return 0
         history = History()
-        feed = Feed(
-            history,
-            lambda: _find_status(arguments.state),
-            lambda: _read_plans(_find_directory(arguments.state)),
-            _REMEDIES,
-        )
+        state = arguments.state
+        feed = Feed(history, lambda: _find_status(state), lambda: _read_plans(_find_directory(state)), _REMEDIES)
         hub = Hub(history.whole)
         try:
             server = _open_server(arguments.listen, arguments.token, hub, any_port=by_harness)
@@ -74,11 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
             return print_error("view", error)
         os.nice(NICENESS)
         print(f"page: {_format_url(server)}", flush=True)
-        ended = threading.Event()
+        input_ended = threading.Event()
         if by_harness:
-            threading.Thread(target=_read_harness, args=(feed, ended), daemon=True).start()
+            threading.Thread(target=_read_harness, args=(feed, input_ended), daemon=True).start()
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.5}, daemon=True).start()
-        while not signals.stopping and not ended.is_set():
+        while not signals.stopping and not input_ended.is_set():
             hub.publish(lambda: (feed.poll(), history.epoch))
             time.sleep(HARNESS_POLL_INTERVAL_S if by_harness else POLL_INTERVAL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))
@@ -110,11 +106,11 @@ def _format_url(server: ViewServer) -> str:
     return f"http://{url_host}:{port}/" + ("?token=..." if server.guard.token else "")
 
 
-def _read_harness(feed: Feed, ended: threading.Event) -> None:
+def _read_harness(feed: Feed, input_ended: threading.Event) -> None:
     """Read the lines of the harness until it closes the pipe."""
     while line := sys.stdin.buffer.readline(MAX_LINE_BYTES):
         feed.take_line(line)
-    ended.set()
+    input_ended.set()
 
 
 def _find_status(state: Path | None) -> FoundStatus:

@@ -22,39 +22,30 @@ class Message(NamedTuple):
 
 def read_messages(buffer: Buffer, names: Collection[str] | None = None) -> Iterator[Message]:
     """Yield the records with these names, or all, that have a time and are not parts of longer texts."""
-    selections: dict[int, tuple[Format, bool]] = {}  # by number, which a later file header may reuse
-    for message_format, offset in Parser(buffer):
-        selection = selections.get(message_format.number)
-        if selection is None or selection[0] is not message_format:
-            is_complete = (
-                "TimeUS" in message_format.labels
-                and "Part" not in message_format.labels
-                and not message_format.name.startswith("FMT")
-            )
-            selection = selections[message_format.number] = (
-                message_format,
-                is_complete and (names is None or message_format.name in names),
-            )
-        if selection[1]:
-            values = _unpack_values(message_format, buffer, offset)
-            yield Message(message_format.name, values["TimeUS"] * _MICROSECOND_S, values)
+    selected: dict[int, tuple[Format, bool]] = {}  # by number, which a later file header may reuse
+    for fmt, offset in Parser(buffer):
+        if selected.get(fmt.number, (None,))[0] is not fmt:
+            has_data = "TimeUS" in fmt.labels and "Part" not in fmt.labels and not fmt.name.startswith("FMT")
+            selected[fmt.number] = (fmt, has_data and (names is None or fmt.name in names))
+        if selected[fmt.number][1]:
+            values = _unpack_values(fmt, buffer, offset)
+            yield Message(fmt.name, values["TimeUS"] * _MICROSECOND_S, values)
 
 
 def read_declared_names(buffer: Buffer) -> set[str]:
     """Return the names of all message formats in the header of a log."""
     names = set()
-    for message_format, offset in Parser(buffer):
-        if message_format.number != FMT_TYPE:
+    for fmt, offset in Parser(buffer):
+        if fmt.number != FMT_TYPE:
             break
-        names.add(text_of(message_format.unpack(buffer, offset)[2]))
+        names.add(text_of(fmt.unpack(buffer, offset)[2]))
     return names
 
 
-def _unpack_values(message_format: Format, buffer: Buffer, offset: int) -> dict[str, Any]:
+def _unpack_values(fmt: Format, buffer: Buffer, offset: int) -> dict[str, Any]:
+    """Return the values of a record by column, scaled, without arrays of bytes."""
     values: dict[str, Any] = {}
-    for label, kind, value in zip(
-        message_format.labels, message_format.values, message_format.unpack(buffer, offset), strict=True
-    ):
+    for label, kind, value in zip(fmt.labels, fmt.values, fmt.unpack(buffer, offset), strict=True):
         if kind in _TEXT_KINDS:
             values[label] = text_of(value)
         elif isinstance(value, bytes):

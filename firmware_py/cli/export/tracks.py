@@ -19,10 +19,10 @@ from firmware_py.log.log_time import utc_offset_s
 from firmware_py.plans.items import ROWS
 
 _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.2"
-# AC_PolyFenceType
+# Numbers of AC_PolyFenceType (ArduPilot).
 _POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
 _CIRCLES: Final = {92: "inclusion", 93: "exclusion"}
-_CIRCLE_CORNERS: Final = 36  # of a circle
+_CIRCLE_CORNERS: Final = 36
 _MAX_GAP_S: Final = 60.0  # a longer gap splits the track
 _HALF_TURN_DEG: Final = 180.0
 
@@ -52,8 +52,8 @@ class Tracks:
         """Split the track at long gaps and at crossings of the 180th meridian."""
         leg: list[Point] = []
         for point in self.points:
-            gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _MAX_GAP_S
-            if gap or (leg and abs(point.longitude_deg - leg[-1].longitude_deg) > _HALF_TURN_DEG):
+            has_gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _MAX_GAP_S
+            if has_gap or (leg and abs(point.longitude_deg - leg[-1].longitude_deg) > _HALF_TURN_DEG):
                 yield leg
                 leg = []
             leg.append(point)
@@ -88,10 +88,10 @@ def read_tracks(buffer: Buffer) -> Tracks:
     for message in read_messages(buffer, {"FIX", "CMD", "FNCE"}):
         values = message.values
         if message.name == "FIX":
-            place = (degrees(values["LatR"]), normalise_longitude_deg(degrees(values["LngR"])))
-            if abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0:  # also false for NaN
+            position = (degrees(values["LatR"]), normalise_longitude_deg(degrees(values["LngR"])))
+            if abs(position[0]) <= 90.0 and abs(position[1]) <= 180.0:  # also false for NaN
                 altitude_m = values.get("Alt", 0.0)
-                tracks.points.append(Point(values["T"], *place, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
+                tracks.points.append(Point(values["T"], *position, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
         elif message.name == "CMD":
             _append_item(tracks.mission, message, "CNum")
         else:
@@ -117,9 +117,8 @@ def make_gpx(tracks: Tracks) -> ET.Element:
     """Return a GPX document: the mission as waypoints and the track."""
     root = ET.Element("gpx", {"xmlns": _GPX, "version": "1.1", "creator": "rambler export"})
     for item in tracks.mission:
-        waypoint = _add_element(
-            root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{normalise_longitude_deg(item['Lng']):.7f}"
-        )
+        longitude_deg = normalise_longitude_deg(item["Lng"])
+        waypoint = _add_element(root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{longitude_deg:.7f}")
         _add_element(waypoint, "name", _item_title(item))
     track = _add_element(root, "trk")
     _add_element(track, "name", "Rambler")
@@ -139,27 +138,24 @@ def make_kml(tracks: Tracks) -> ET.Element:
     document = _add_element(root, "Document")
     _add_element(document, "name", "Rambler")
     for leg in tracks.split_legs():
-        _add_line(
-            document,
-            " to ".join(filter(None, map(tracks.format_time, (leg[0], leg[-1])))) or "Track",
-            _positions_of(leg),
-        )
+        times = filter(None, map(tracks.format_time, (leg[0], leg[-1])))
+        _add_line(document, " to ".join(times) or "Track", _positions_of(leg))
     mission = [(item["Lng"], item["Lat"]) for item in tracks.mission]
     if len(mission) > 1:
         for line in _split_at_meridian(mission):
             _add_line(document, "Mission", line)
-    for item, place in zip(tracks.mission, mission, strict=True):
+    for item, position in zip(tracks.mission, mission, strict=True):
         placemark = _add_element(document, "Placemark")
         _add_element(placemark, "name", _item_title(item))
-        _add_element(_add_element(placemark, "Point"), "coordinates", _coordinates([place]))
+        _add_element(_add_element(placemark, "Point"), "coordinates", _coordinates([position]))
     for (kind, count), group in groupby(tracks.fence, lambda item: (item["Type"], item["Count"])):
         if kind in _CIRCLES:
             for item in group:
                 _add_ring(document, _CIRCLES[kind], _circle_corners(item["Lat"], item["Lng"], item["Radius"]))
         elif kind in _POLYGONS:
             corners = [(item["Lng"], item["Lat"]) for item in group]
-            for first in range(0, len(corners) - int(count) + 1, int(count)):
-                _add_ring(document, _POLYGONS[kind], corners[first : first + int(count)])
+            for start in range(0, len(corners) - int(count) + 1, int(count)):
+                _add_ring(document, _POLYGONS[kind], corners[start : start + int(count)])
     return root
 
 
@@ -180,42 +176,42 @@ def normalise_longitude_deg(longitude_deg: float) -> float:
     return -_HALF_TURN_DEG if round(longitude_deg, 7) >= _HALF_TURN_DEG else longitude_deg
 
 
-def _split_at_meridian(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
-    """Split a line at the 180th meridian; each part ends on the meridian."""
-    line = [places[0]]
-    for before, place in pairwise(places):
-        if abs(place[0] - before[0]) > _HALF_TURN_DEG:
-            edge_deg = math.copysign(_HALF_TURN_DEG, before[0])
-            change_deg = place[0] + 2.0 * edge_deg - before[0]
-            fraction = (edge_deg - before[0]) / change_deg if change_deg else 0.0
-            latitude_deg = before[1] + fraction * (place[1] - before[1])
+def _split_at_meridian(positions: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
+    """Split a line at its crossings of the 180th meridian; the parts meet on the meridian."""
+    line = [positions[0]]
+    for previous, position in pairwise(positions):
+        if abs(position[0] - previous[0]) > _HALF_TURN_DEG:
+            edge_deg = math.copysign(_HALF_TURN_DEG, previous[0])
+            span_deg = position[0] + 2.0 * edge_deg - previous[0]
+            fraction = (edge_deg - previous[0]) / span_deg if span_deg else 0.0
+            latitude_deg = previous[1] + fraction * (position[1] - previous[1])
             yield [*line, (edge_deg, latitude_deg)]
             line = [(-edge_deg, latitude_deg)]
-        line.append(place)
+        line.append(position)
     yield line
 
 
 def _circle_corners(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[MapPoint]:
     centre = Place(radians(latitude_deg), radians(longitude_deg))
     angles = (math.tau * corner / _CIRCLE_CORNERS for corner in range(_CIRCLE_CORNERS))
-    places = (centre.at_offset(radius_m * math.cos(angle), radius_m * math.sin(angle)) for angle in angles)
-    return [(degrees(place.longitude_rad), degrees(place.latitude_rad)) for place in places]
+    positions = (centre.at_offset(radius_m * math.cos(angle), radius_m * math.sin(angle)) for angle in angles)
+    return [(degrees(position.longitude_rad), degrees(position.latitude_rad)) for position in positions]
 
 
-def _add_line(document: ET.Element, name: str, places: Sequence[MapPoint]) -> None:
+def _add_line(document: ET.Element, name: str, positions: Sequence[MapPoint]) -> None:
     placemark = _add_element(document, "Placemark")
     _add_element(placemark, "name", name)
     line = _add_element(placemark, "LineString")
     _add_element(line, "tessellate", "1")
-    _add_element(line, "coordinates", _coordinates(places))
+    _add_element(line, "coordinates", _coordinates(positions))
 
 
 def _positions_of(points: Sequence[Point]) -> list[MapPoint]:
     return [(point.longitude_deg, point.latitude_deg) for point in points]
 
 
-def _coordinates(places: Sequence[MapPoint]) -> str:
-    return " ".join(f"{longitude_deg:.7f},{latitude_deg:.7f},0" for longitude_deg, latitude_deg in places)
+def _coordinates(positions: Sequence[MapPoint]) -> str:
+    return " ".join(f"{longitude_deg:.7f},{latitude_deg:.7f},0" for longitude_deg, latitude_deg in positions)
 
 
 def _item_title(item: dict[str, Any]) -> str:
