@@ -129,8 +129,8 @@ def _report_lines(estimator: DeviationEstimator, result: DeviationEstimate | Non
     yield f"error in force up to {max_change_deg:.2f} deg; sd of the proposal up to {sd_deg:.2f} deg"
     report = estimator.report()
     if report.residual_before_rad is not None and report.residual_after_rad is not None:
-        before_deg, after_deg = degrees(report.residual_before_rad), degrees(report.residual_after_rad)
-        yield f"rms residual {before_deg:.1f} deg in force, {after_deg:.1f} deg with the proposal"
+        present_rms_deg, proposed_rms_deg = degrees(report.residual_before_rad), degrees(report.residual_after_rad)
+        yield f"rms residual {present_rms_deg:.1f} deg in force, {proposed_rms_deg:.1f} deg with the proposal"
     offset_deg, mounting_deg = estimator.parameters["CMP_OFFSET_DEG"], _mounting_deg(estimator, result)
     yield f"alignment: CMP_OFFSET_DEG {mounting_deg:.2f} (now {offset_deg:.2f}) acts like CMP_DEV_A; set only one"
     yield from _NOTES

@@ -28,11 +28,11 @@ def frame_nmea(body):
 
 def frame_ubx(body):
     summed_bytes = body[:2].ljust(2, b"\0") + struct.pack("<H", len(body[2:])) + body[2:]
-    first = second = 0
+    sum_a = sum_b = 0
     for byte in summed_bytes:
-        first = first + byte & 0xFF
-        second = second + first & 0xFF
-    return b"\xb5\x62" + summed_bytes + bytes((first, second))
+        sum_a = sum_a + byte & 0xFF
+        sum_b = sum_b + sum_a & 0xFF
+    return b"\xb5\x62" + summed_bytes + bytes((sum_a, sum_b))
 
 
 def encode_numbered(encode, body):

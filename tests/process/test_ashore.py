@@ -116,8 +116,8 @@ def fill_state(directory):
 
 def parameters_in_log(directory):
     (log,) = (directory / "logs").glob("*.BIN")
-    first = next(iter(LogReader(log)))
-    return first.checkpoint
+    first_tick = next(iter(LogReader(log)))
+    return first_tick.checkpoint
 
 
 @needs_readable_checkout

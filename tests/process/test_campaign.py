@@ -104,8 +104,8 @@ def test_terminated_campaign_names_the_option_that_resumes_it(tmp_path):
 @pytest.mark.proof
 def test_repeated_campaign_and_replayed_run_are_bit_identical(tmp_path):
     out, run = tmp_path / "first", tmp_path / "run"
-    first = run_campaign(FIRMWARE, out, "--workers", "1")
-    assert run_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == first
+    results = run_campaign(FIRMWARE, out, "--workers", "1")
+    assert run_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == results
     runs = store.read_table(out / store.RUNS).to_pylist()
     assert [row["ended"] for row in runs] == ["finished", "finished"]
     assert runs[0]["digest"] != runs[1]["digest"]

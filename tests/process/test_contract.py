@@ -51,7 +51,7 @@ def header(path):
 
 
 def list_outputs(directory):
-    """Return the files, columns and keys of a run and of what is computed from it."""
+    """Return the files, columns and keys of a run and of the results computed from it."""
 
     def run_program(package, *words):
         command = [sys.executable, "-m", package, *map(str, words)]

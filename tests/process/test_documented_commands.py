@@ -70,7 +70,7 @@ def is_quick(commands):
 
 
 def page_parameters():
-    """Yield the blocks of each page that are run; blocks that take long are marked as proof."""
+    """Yield the blocks of each page that are run; blocks with long run times are marked as proof."""
     blocks_by_page = {}
     for name, reason, commands in command_blocks():
         if reason is None:

@@ -12,7 +12,7 @@ import pytest
 
 REBOOT, FORCE = 246, 20190226.0
 GUIDED = 15
-TURN_GOALS = "0:0,6:90"  # the rudder goes to its limit
+TURN_GOALS = "0:0,6:90"  # the rudder reaches its limit
 TIMEOUT_S = 30.0
 AMIDSHIPS_DEG = 1.2
 SLEW_DEG_S = 30.0  # of the emulated shaft
@@ -71,6 +71,15 @@ def blocked_pipe(pipe):
 def broken_pipe(pipe):
     pipe[0].close()
     return pipe[1]
+
+
+@pytest.fixture
+def boat(make_boat):
+    """A boat that steers."""
+    boat = make_boat()
+    boat.start()
+    boat.under_way(GUIDED)
+    return boat
 
 
 def pid_of(boat):
@@ -136,10 +145,7 @@ def test_internal_error_centres_the_rudder_although_the_output_is_blocked(make_b
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
 
 
-def test_ignored_signals_neither_end_nor_stop_the_autopilot(make_boat):
-    boat = make_boat()
-    boat.start()
-    boat.under_way(GUIDED)
+def test_ignored_signals_neither_end_nor_stop_the_autopilot(boat):
     for name in ("HUP", "TSTP", "USR1", "USR2", "ALRM", "IO", "PWR", "PIPE", "TTIN", "TTOU", "HUP", "TSTP"):
         os.kill(pid_of(boat), getattr(signal, f"SIG{name}"))
         boat.run(0.5)
@@ -150,11 +156,8 @@ def test_ignored_signals_neither_end_nor_stop_the_autopilot(make_boat):
     boat.finish()
 
 
-def test_last_tick_has_the_reason_of_the_end_unless_killed(make_boat):
+def test_last_tick_has_the_reason_of_the_end_unless_killed(boat):
     text = "SIGTERM: autopilot ends, rudder centred"
-    boat = make_boat()
-    boat.start()
-    boat.under_way(GUIDED)
     boat.kill()
     assert text.encode() not in boat.logs()[-1].read_bytes()
     boat.start()
@@ -186,10 +189,7 @@ def test_end_waits_two_seconds_for_a_silent_servo(make_boat):
     assert 1.9 < duration_s < 2.3
 
 
-def test_signal_during_a_restart_ends_the_autopilot_normally(make_boat):
-    boat = make_boat()
-    boat.start()
-    boat.under_way(GUIDED)
+def test_signal_during_a_restart_ends_the_autopilot_normally(boat):
     restart(boat)
     os.kill(pid_of(boat), signal.SIGHUP)
     boat.process.terminate()

@@ -1,6 +1,6 @@
 """Hardware watchdog: only the loop feeds it, a hang ends the keep-alives, and only an orderly end disarms it.
 
-A pseudo-terminal replaces the device: it records what is written and when, and accepts no ioctl. The restart of the
+A pseudo-terminal replaces the device: it records the writes and their times, and accepts no ioctl. The restart of the
 computer after the timeout is done by the kernel driver and is not tested here.
 """
 
@@ -93,18 +93,18 @@ def test_hang_leaves_the_watchdog_armed_without_keep_alives(watched, kind):
     """`pytest -m proof tests/process/test_hardware_watchdog.py -s`: stopped, killed, or in an endless computation."""
     watched.sail(RUN_S)
     times_s = [t_s for t_s, _ in watched.written]
-    longest_s = max(after - before for before, after in pairwise(times_s))
+    longest_s = max(later_s - earlier_s for earlier_s, later_s in pairwise(times_s))
     hung_s = time.monotonic()
     if kind == "tick":
         (watched.hangs / "tick").touch()
     else:
         watched.program.send_signal(signal.SIGSTOP if kind == "stopped" else signal.SIGKILL)
     watched.sail(TIMEOUT_S + 2.0)
-    last_s = watched.written[-1][0]
+    last_keep_alive_s = watched.written[-1][0]
     print(
-        f"{kind}: keep-alives at most {longest_s:.2f} s apart, the last one {last_s - hung_s:+.2f} s after the hang; "
-        f"computer restarts {last_s + TIMEOUT_S - hung_s:.1f} s after the hang"
+        f"{kind}: keep-alives at most {longest_s:.2f} s apart, the last one {last_keep_alive_s - hung_s:+.2f} s after "
+        f"the hang; computer restarts {last_keep_alive_s + TIMEOUT_S - hung_s:.1f} s after the hang"
     )
     assert longest_s < INTERVAL_S + MAX_LATENESS_S
-    assert -INTERVAL_S - MAX_LATENESS_S < last_s - hung_s < MAX_LATENESS_S
+    assert -INTERVAL_S - MAX_LATENESS_S < last_keep_alive_s - hung_s < MAX_LATENESS_S
     assert set(watched.keep_alives()) == set(KEEP_ALIVE)

@@ -107,8 +107,8 @@ def test_compass_gives_exactly_the_headings_of_a_recording(play, recording, name
     compass, samples, now_s = play(data, lambda line: NmeaCompass(line, NmeaCompassOptions()))
     expected = expected_headings(rows)
     assert [sample.reference for sample in samples] == [reference for _, reference in expected]
-    found_deg = [math.degrees(sample.heading_rad) for sample in samples]
-    assert found_deg == pytest.approx([heading_deg % 360.0 for heading_deg, _ in expected], abs=1e-6)
+    headings_deg = [math.degrees(sample.heading_rad) for sample in samples]
+    assert headings_deg == pytest.approx([heading_deg % 360.0 for heading_deg, _ in expected], abs=1e-6)
     variations = [row[3]["variation_deg"] for row in rows if len(row) > 3 and row[3].get("variation_deg") is not None]
     variations_deg = [math.degrees(sample.variation_rad) for sample in samples if sample.variation_rad is not None]
     assert variations_deg == pytest.approx(variations)

@@ -85,9 +85,11 @@ def test_each_restart_steers_within_two_seconds(make_service, disturb, times):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("part", ["tick", *(pytest.param(part, marks=pytest.mark.proof) for part in HANGS[1:])])
-def test_hang_is_detected_and_ended_by_a_restart(make_service, tmp_path, part):
-    hang_and_restart(make_service, tmp_path, part)
+@pytest.mark.parametrize(
+    "part", ["tick", *(pytest.param(hanging_part, marks=pytest.mark.proof) for hanging_part in HANGS[1:])]
+)
+def test_hang_is_detected_and_ended_by_a_restart(make_service, tmp_path, hanging_part):
+    hang_and_restart(make_service, tmp_path, hanging_part)
 
 
 def request_storage(service):
@@ -98,7 +100,9 @@ def request_storage(service):
 
 def wait_for_text(station, text):
     """Wait for a text and keep sending: a silent peer receives nothing."""
-    station.ask(station.command(REQUEST, HEARTBEAT), lambda one: one if getattr(one, "text", "") == text else None)
+    station.ask(
+        station.command(REQUEST, HEARTBEAT), lambda message: message if getattr(message, "text", "") == text else None
+    )
 
 
 @pytest.mark.proof
@@ -128,7 +132,7 @@ def test_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_servi
     print(f"reported after {reported_s - disturbed_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
 
 
-def hang_and_restart(make_service, tmp_path, part):
+def hang_and_restart(make_service, tmp_path, hanging_part):
     """Make a part of the autopilot hang, check the restart, and return the last recorded ending."""
     (hangs := tmp_path / "hangs").mkdir()
     program = (sys.executable, Path(ROOT) / "tests/support/hanging.py")
@@ -137,18 +141,21 @@ def hang_and_restart(make_service, tmp_path, part):
         time.sleep(2.0)
 
         def hang(_pid):
-            (hangs / part).touch()
-            if part == "store":
+            (hangs / hanging_part).touch()
+            if hanging_part == "store":
                 request_storage(service)
 
         disturbed_s = time.monotonic()
         previous_run, next_run, frame_s = service.disturbed(hang)
         service.assert_as_before()
-        last = service.endings().last[-1]
+        ending = service.endings().last[-1]
     detection_s, restart_s = (previous_run.alarm_s or previous_run.ended_s) - disturbed_s, frame_s - next_run.begun_s
-    print(f"{part}: {last.why}, {last.text}; detected after {detection_s:.2f} s, first frame after {restart_s:.3f} s")
-    assert last.why == ("watchdog" if part == "tick" else "stuck"), last
-    return last
+    print(
+        f"{hanging_part}: {ending.why}, {ending.text}; detected after {detection_s:.2f} s, "
+        f"first frame after {restart_s:.3f} s"
+    )
+    assert ending.why == ("watchdog" if hanging_part == "tick" else "stuck"), ending
+    return ending
 
 
 def test_simulated_systemd_reads_durations_of_the_unit_file():

@@ -103,7 +103,7 @@ def assert_no_growth(samples, seconds):
 
 @pytest.mark.proof
 @pytest.mark.timeout(6 * HOUR_S)
-def test_nothing_grows_in_a_simulated_day(tmp_path):
+def test_resources_do_not_grow_in_a_simulated_day(tmp_path):
     seconds = float(os.environ.get("SOAK_SIMULATED_S", DAY_S))
     samples, summary = run_and_sample(tmp_path, seconds, ["--speed", "max", "--goal", goals(seconds, seconds / 24.0)])
     print(f"simulated: {summary['speed_ratio']:.0f} times real time, {summary['loop']}")
@@ -113,7 +113,7 @@ def test_nothing_grows_in_a_simulated_day(tmp_path):
 
 @pytest.mark.proof
 @pytest.mark.timeout(2 * HOUR_S)
-def test_nothing_grows_in_a_real_hour_and_no_tick_is_lost(tmp_path):
+def test_resources_do_not_grow_and_no_tick_is_lost_in_a_real_hour(tmp_path):
     """A tick may be lost where a process that only sleeps loses one, too."""
     seconds = float(os.environ.get("SOAK_REAL_S", HOUR_S))
     command = bare_sleep.command(RATE_HZ, int(seconds * RATE_HZ))

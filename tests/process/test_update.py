@@ -39,14 +39,14 @@ def end_at_every_step(tmp_path, kind, code=0, every=1):
 
 
 @pytest.mark.parametrize(
-    ("kind", "how", "every"),
+    ("kind", "result", "every"),
     [("kill", "killed", 6), ("full", "refused", 1), pytest.param("kill", "killed", 1, marks=pytest.mark.proof)],
 )
-def test_update_that_ends_at_any_step_leaves_an_autopilot_that_steers_and_updates(tmp_path, kind, how, every):
+def test_update_that_ends_at_any_step_leaves_an_autopilot_that_steers_and_updates(tmp_path, kind, result, every):
     steps = end_at_every_step(tmp_path, kind, every=every)
     assert len(steps) > {"kill": 100, "full": 15}[kind] / every, "too few steps"
     for step in steps[:-1]:
-        assert step["how"] == how, step
+        assert step["how"] == result, step
         # The first start steers with either version; a failed trial ends with the previous one.
         assert set(step["starts"]) <= {"steers old", "steers new"}, step
         assert step["starts"][-1] == "steers old", step
@@ -219,8 +219,8 @@ def test_real_updates_killed_at_any_moment(updated_boat, whole_bundle, tmp_path)
             process.kill()
             output = process.communicate()[0]
         boat.wait_for_lock()
-        last = (output.splitlines() or ["no output"])[-1]
-        print(f"kill {count} after {time.monotonic() - start_s:.1f} s: {last}")
+        last_line = (output.splitlines() or ["no output"])[-1]
+        print(f"kill {count} after {time.monotonic() - start_s:.1f} s: {last_line}")
         boat.assert_steers()
         assert boat.version() in (version_of_checkout(), "97.0.0")
         if boat.version() == "97.0.0":

@@ -121,15 +121,15 @@ def test_live_page_and_report_of_a_mission(tmp_path, browser):
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
     assert_readable(browser, (out / "report.html").as_uri())
     summary = json.loads((out / "summary.json").read_text())
-    first, second = summary["arrivals"]
-    assert (first["item"], second["item"]) == (1, 2)
-    assert 5.0 < first["time_s"] < second["time_s"] < 120.0
+    first_arrival, second_arrival = summary["arrivals"]
+    assert (first_arrival["item"], second_arrival["item"]) == (1, 2)
+    assert 5.0 < first_arrival["time_s"] < second_arrival["time_s"] < 120.0
     assert 0.0 < summary["cross_track"]["rms_m"] <= summary["cross_track"]["p95_m"] < 20.0
     for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):
         assert browser.value(f"document.querySelectorAll('svg.track .{shape}').length") == number, shape
     page_text = browser.value("document.body.innerText")
     assert f"Cross-track error {summary['cross_track']['rms_m']:.1f} m (rms)" in page_text
-    assert f"1 at {first['time_s']:.0f} s" in page_text
+    assert f"1 at {first_arrival['time_s']:.0f} s" in page_text
     assert "cross-track distance (m, + to starboard)" in page_text
     all_times_s = browser.value(AXIS_TIMES)
     browser.value("document.querySelector('button[title=\"show less\"]').click()")
@@ -163,14 +163,25 @@ def test_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
     assert browser.complaints == []
 
 
-def serve(port=0):
-    """Serve a page as `rambler view` does; return its hub."""
-    history = History()
+def start_server(history, port=0):
+    """Serve the page of a history as `rambler view` does; return server and hub."""
     hub = Hub(history.whole)
     server = ViewServer(("127.0.0.1", port), Guard("", loopback=True), hub)
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    return server, hub
+
+
+def serve(port=0):
+    """Serve a page with one sample; return server and hub."""
+    history = History()
+    server, hub = start_server(history, port)
     hub.publish(lambda: (history.add({"time_s": 1.0, "heading_deg": 10.0}, [], {"title": "boat"}), history.epoch))
     return server, hub
+
+
+def end_server(server):
+    server.shutdown()
+    server.server_close()
 
 
 STATUS = {
@@ -200,9 +211,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     history = History()
     feed = Feed(history, lambda: status[0], dict, {"POSITION_LOST": "look at the antenna"})
     feed.take_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
-    hub = Hub(history.whole)
-    server = ViewServer(("127.0.0.1", 0), Guard("", loopback=True), hub)
-    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    server, hub = start_server(history)
 
     def publish(**changes):
         content = status[0].content
@@ -257,8 +266,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     assert "No report from the autopilot for" in text("document.querySelector('.banner')")
     assert browser.complaints == []
     hub.close(over=True)
-    server.shutdown()
-    server.server_close()
+    end_server(server)
 
 
 @pytest.mark.proof
@@ -273,15 +281,13 @@ def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
     server.readers.release()
     browser.wait_for(f"{banner}.hidden")
     hub.close(over=False)
-    server.shutdown()
-    server.server_close()
+    end_server(server)
     browser.wait_for(f"{banner}.textContent.startsWith('No connection')")
     server, hub = serve(port)
     browser.wait_for(f"{banner}.hidden")
     hub.close(over=True)
     browser.wait_for(f"{banner}.textContent.startsWith('The run has ended')")
-    server.shutdown()
-    server.server_close()
+    end_server(server)
 
 
 @pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])

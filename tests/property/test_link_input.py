@@ -319,14 +319,6 @@ def test_refused_command_changes_nothing(number, values, x, y, as_command_int, a
         assert rig.request_handler.values == previous
 
 
-@given(st.lists(st.binary(max_size=400) | st.binary(max_size=30).map(lambda tail: b"\xfd" + tail), max_size=10))
-def test_any_bytes_are_accepted(pieces):
-    rig = Rig()
-    for piece in pieces:
-        rig.feed(piece)
-    check_valid(rig)
-
-
 def test_valid_frames_in_a_megabyte_of_noise_get_a_reply():
     rng = random.Random(11)
     rig = Rig()

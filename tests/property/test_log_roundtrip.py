@@ -27,7 +27,6 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.reports import Output, Snapshot
-from firmware_py.log.dataflash import Parser
 from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
 
@@ -156,11 +155,3 @@ def test_damage_loses_ticks_but_never_produces_one(damage):
     assert order == sorted(set(order))
     for previous, tick in itertools.pairwise(logged):
         assert tick.gap == (tick.inputs.tick.index != previous.inputs.tick.index + 1)
-
-
-@given(st.lists(st.binary(max_size=40) | st.just(b"\xa3\x95\x80") | st.just(b"\xa3\x95"), max_size=40).map(b"".join))
-def test_any_bytes_are_parsed_to_the_end(data):
-    parser = Parser(data)
-    parsed_bytes = sum(record_format.length for record_format, _ in parser)
-    assert parsed_bytes + parser.garbage_bytes + parser.tail_bytes == len(data)
-    assert list(LogReader(data)) == []

@@ -20,6 +20,7 @@ from firmware_py.cli import preflight
 from firmware_py.cli.bench_session import BenchDevice
 from firmware_py.cli.check import check_device
 from firmware_py.cli.preflight import Level
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.common.records import (
     DeviceHealth,
@@ -152,11 +153,12 @@ def test_running_autopilot_is_a_warning(check, monkeypatch):
 @pytest.mark.parametrize(
     ("free_mb", "logs_mb", "level", "word"),
     [
-        (0.5, 0.0, "fail", "LOG_FREE_MB"),
-        (2.5, 0.0, "warn", "LOG_KEEP_MB"),
-        (900, 0.0, "pass", "free"),
+        (0.9, 0.0, "fail", "LOG_FREE_MB"),
+        (1.1, 0.0, "warn", "LOG_KEEP_MB"),
+        (2.9, 0.0, "warn", "LOG_KEEP_MB"),
+        (3.1, 0.0, "pass", "free"),
         (0.5, 1.4, "fail", "LOG_FREE_MB"),
-        (0.5, 2.0, "warn", "LOG_KEEP_MB"),  # old logs can be deleted
+        (0.5, 1.6, "warn", "LOG_KEEP_MB"),  # old logs can be deleted
     ],
 )
 def test_free_space_and_logs_are_compared_with_the_limits(check, state, monkeypatch, free_mb, logs_mb, level, word):
@@ -165,6 +167,16 @@ def test_free_space_and_logs_are_compared_with_the_limits(check, state, monkeypa
     (state / "logs/00000001.BIN").write_bytes(bytes(int(logs_mb * 1e6)))
     finding = check()["storage"][0]
     assert (finding["level"], word in finding["text"]) == (level, True)
+
+
+@pytest.mark.parametrize(
+    ("sync_s", "level"), [(0.19, Level.PASS), (0.21, Level.WARN), (0.99, Level.WARN), (1.01, Level.FAIL)]
+)
+def test_level_of_storage_depends_on_the_write_time(state, monkeypatch, sync_s, level):
+    times_s = iter((0.0, sync_s))
+    monkeypatch.setattr(preflight, "time", SimpleNamespace(monotonic=lambda: next(times_s)))
+    *_, finding = preflight.check_storage(state, ParameterSet())
+    assert (finding.level, finding.values["sync_s"]) == (level, sync_s)
 
 
 def test_file_in_place_of_a_directory_fails(check, state):

@@ -118,9 +118,9 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     file = tmp_path / "capture.nmea"
     file.write_text("$HEHDT,341.8,T*21\r\n$HEHDT,341.8,T*22\r\n")
     assert main(["decode", "nmea", str(file), "--json"]) == 0
-    first, second = map(json.loads, capsys.readouterr().out.splitlines())
-    assert (first["line"], first["type"], first["heading_true_deg"]) == (1, "heading", 341.8)
-    assert (second["line"], second["type"], second["error"]) == (2, "error", "checksum")
+    heading, error = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (heading["line"], heading["type"], heading["heading_true_deg"]) == (1, "heading", 341.8)
+    assert (error["line"], error["type"], error["error"]) == (2, "error", "checksum")
     assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
     file.write_text("a wrong file\n")
     text = f"{file}: no nmea message in 13 bytes; check KIND"

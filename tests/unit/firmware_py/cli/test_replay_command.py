@@ -24,16 +24,16 @@ def write_with_checkpoint(path, change):
     """Write the first second of a log with a changed checkpoint; return its path as a string."""
     data = LOG.read_bytes()
     records = [(fmt, data[at : at + fmt.length], at) for fmt, at in Parser(data)]
-    first = next(number for number, (fmt, _, _) in enumerate(records) if fmt.name == "TICK")
+    first_tick_number = next(number for number, (fmt, _, _) in enumerate(records) if fmt.name == "TICK")
     ends = [number for number, (fmt, _, _) in enumerate(records) if fmt.name == "END"]
     text = "".join(
         fmt.unpack(record, 0)[-1][: fmt.unpack(record, 0)[-2]].decode()
         for fmt, record, _ in records[: ends[0]]
         if fmt.name == "CHK"
     )
-    tick, sequence = records[first], records[ends[0]][0].unpack(records[ends[0]][1], 0)[1]
+    tick, sequence = records[first_tick_number], records[ends[0]][0].unpack(records[ends[0]][1], 0)[1]
     state = schema.CHECKPOINT.pack_text(1.0, Tick(0, 1.0, 0.0, 0, 10.0), change(text))
-    other_records = [record for fmt, record, _ in records[first + 1 : ends[0]] if fmt.name != "CHK"]
+    other_records = [record for fmt, record, _ in records[first_tick_number + 1 : ends[0]] if fmt.name != "CHK"]
     batch = schema.end_bytes(tick[1] + state + b"".join(other_records), 1.0, sequence)
     second_tick, end = (records[number][2] + records[number][0].length for number in (ends[0], ends[10]))
     path.write_bytes(data[: tick[2]] + batch + data[second_tick:end])
