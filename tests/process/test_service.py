@@ -86,7 +86,7 @@ def test_each_restart_steers_within_two_seconds(make_service, disturb, times):
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    "part", ["tick", *(pytest.param(hanging_part, marks=pytest.mark.proof) for hanging_part in HANGS[1:])]
+    "hanging_part", ["tick", *(pytest.param(hanging_part, marks=pytest.mark.proof) for hanging_part in HANGS[1:])]
 )
 def test_hang_is_detected_and_ended_by_a_restart(make_service, tmp_path, hanging_part):
     hang_and_restart(make_service, tmp_path, hanging_part)
