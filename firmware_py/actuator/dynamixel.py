@@ -4,7 +4,7 @@ One half-duplex exchange at a time. Each tick starts with one write: the goal in
 read of goal and telemetry. The reply shows whether the servo has accepted the goal. A tick has 75 bytes, and 127 twice
 a second, when the read includes the state: 13.0 and 22.0 ms at 57600 baud, 0.8 and 1.3 ms at 1 Mbaud. If half a period
 is too short for this combined read, or the servo does not reply to it, the state is read separately after the reply.
-A reply that is not there at the next tick is given up, and the next goal is read with another length. Thus a reply
+A reply that has not arrived by the next tick is given up, and the next goal is read with another length. Thus a reply
 that an adapter has delayed is distinguished from the expected one and compared with its own goal.
 
     SEARCH -----any reply----> CONFIGURE ---all registers correct---> RUN
@@ -44,7 +44,7 @@ from firmware_py.common.records import DeviceState, RudderFeedback
 
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 MAX_REBOOT_TEMPERATURE_C = 60.0
-MAX_REFUSED_GOALS = 3  # consecutive; one or two can be a tripped watchdog
+MAX_REJECTED_GOALS = 3  # consecutive; one or two can be a tripped watchdog
 MAX_REPLY_LENGTH = 100  # state, goal and telemetry have 87, plus stuffing
 MAX_EXCHANGE_BYTES = 146  # a goal of 19, a read of 14, a reply of 94, and the return delay of the servo
 
@@ -80,36 +80,36 @@ class DynamixelServo:
         self._reboot = Request(Kind.REBOOT, frames.reboot(options.id), "reboot")
         self._goal_reads = tuple(read_request(options.id, block) for block in table.GOAL_READS)
         self._goal_read_index = 0  # of the read that is sent with the next goal
-        self._goal_request: Request | None = None  # the newest request with a goal
+        self._goal_request: Request | None = None  # the newest request that contains a goal
         self._combined = read_request(options.id, table.COMBINED)
         self._readings = Readings(options.id, max_exchange_s)
         self._restarts = RestartCounter()
-        self._model = ""
+        self._model_text = ""
 
         self._shaft_rad: float | None = None
         self._torque_command: bool | None = None  # None: no command yet, nothing is written
-        self._goal_due = False
+        self._is_goal_due = False
 
         self._phase = Phase.SEARCH
-        self._steered = False  # since the line was opened
-        self._goal_was_last = False
-        self._goals_refused = 0
-        self._at_limit = False  # whether the goal is at a position limit of the servo
-        self._changed_s = -math.inf  # time of the last write other than a goal
+        self._has_steered = False  # whether a goal was sent since the line was opened
+        self._was_goal_last = False
+        self._rejected_goals = 0
+        self._is_at_limit = False  # whether the goal is at a position limit of the servo
+        self._last_change_s = -math.inf  # time of the last write other than a goal
         self._temperature_c: float | None = None
-        self._reboot_at_s: float | None = None
+        self._next_reboot_s: float | None = None
 
     def restart(self) -> None:
         """Search for the servo on a reopened line."""
-        self._steered = False
-        self._search()
+        self._has_steered = False
+        self._start_search()
 
     def note_silence(self) -> None:
         """Search for the servo again, once."""
         if self._phase is not Phase.SEARCH:
-            self._search()
+            self._start_search()
 
-    def _search(self) -> None:
+    def _start_search(self) -> None:
         self._phase = Phase.SEARCH
         self._configurator.reset()
 
@@ -120,29 +120,29 @@ class DynamixelServo:
             self._phase = Phase.CONFIGURE
         self._torque_command = torque_on
         self._readings.note_command(now_s)
-        self._goal_due = True
+        self._is_goal_due = True
 
-    def condition(self, *, answered: bool) -> tuple[DeviceState, str]:  # noqa: ARG002 - the phase includes it
+    def condition(self, *, has_replied: bool) -> tuple[DeviceState, str]:  # noqa: ARG002 - the phase includes it
         """Return the state: hardware errors, rejected commands, failed corrections."""
         if errors := self._configurator.hardware_error:
             cut = "" if self._configurator.torque_on else ", torque cut"
             return DeviceState.FAULTY, f"servo error: {table.hardware_error_text(errors)}{cut}"
-        if self._goals_refused >= MAX_REFUSED_GOALS:
+        if self._rejected_goals >= MAX_REJECTED_GOALS:
             return DeviceState.FAULTY, "servo rejects goal position"
         if self._configurator.has_failed:
             return DeviceState.FAULTY, self._configurator.problem
         return DeviceState.RUNNING if self._phase is Phase.RUN else DeviceState.STARTING, (
-            self._configurator.problem or (table.AT_LIMIT if self._at_limit else self._model)
+            self._configurator.problem or (table.AT_LIMIT_TEXT if self._is_at_limit else self._model_text)
         )
 
     # ------------------------------------------------------------------ replies
 
-    def answers(self, reply: frames.StatusPacket, request: Request) -> bool:
+    def matches(self, reply: frames.StatusPacket, request: Request) -> bool:
         """Return whether the packet is from this servo and has the length of a reply to the request."""
         return reply.device_id == self.device_id and len(reply.parameters) == (0 if reply.code else request.parameters)
 
     def process_reply(
-        self, request: Request, reply: frames.StatusPacket, asked_s: float, *, is_certain: bool
+        self, request: Request, reply: frames.StatusPacket, sent_s: float, *, is_certain: bool
     ) -> ReplyResult:
         """Process an error, a reading, or the acknowledgement of a goal or a correction.
 
@@ -151,54 +151,54 @@ class DynamixelServo:
         if self._phase is Phase.SEARCH:
             self._phase = Phase.CONFIGURE
         if reply.alert and not self._configurator.hardware_error:
-            self._readings.read_state_next()
+            self._readings.request_state()
         if request is self._goal_request:
             self._goal_read_index = 0
         if reply.code:
             if is_certain and request.block is table.COMBINED:
-                self._readings.note_combined_refused()
+                self._readings.note_combined_rejected()
             elif is_certain and request.kind is Kind.GOAL:
-                self._note_goal_refused()
+                self._note_rejected_goal()
             elif is_certain:
-                self._configurator.take_refusal(request, reply.code, asked_s)
+                self._configurator.process_error(request, reply.code, sent_s)
             return ReplyResult(is_accepted=False)
         if request.kind is Kind.GOAL:
-            answer = self._take_goal(request.counts if is_certain else None, reply.parameters, asked_s)
+            result = self._process_goal(request.counts if is_certain else None, reply.parameters, sent_s)
             if request.block is table.COMBINED:
-                for reading, data in self._readings.slow_parts(reply.parameters):
-                    self._take_result(reading, data, asked_s)
-            return answer
-        return self._take_result(request, reply.parameters, asked_s)
+                for reading, data in self._readings.split_combined(reply.parameters):
+                    self._process_result(reading, data, sent_s)
+            return result
+        return self._process_result(request, reply.parameters, sent_s)
 
-    def _take_goal(self, sent_counts: int | None, data: bytes, asked_s: float) -> ReplyResult:
+    def _process_goal(self, sent_counts: int | None, data: bytes, sent_s: float) -> ReplyResult:
         """Compare the goal of the servo with the one sent (None: not known), and process the telemetry."""
-        refused = sent_counts is not None and table.goal_of(data) != sent_counts
-        if refused:
-            self._note_goal_refused()
+        is_rejected = sent_counts is not None and table.extract_goal(data) != sent_counts
+        if is_rejected:
+            self._note_rejected_goal()
         elif sent_counts is not None:
-            self._goals_refused = 0
-        return self._take_telemetry(table.telemetry_of(data), asked_s, is_accepted=not refused)
+            self._rejected_goals = 0
+        return self._process_telemetry(table.extract_telemetry(data), sent_s, is_accepted=not is_rejected)
 
-    def _note_goal_refused(self) -> None:
-        self._goals_refused += 1
+    def _note_rejected_goal(self) -> None:
+        self._rejected_goals += 1
         # The limits have changed, the watchdog has tripped or the torque is off.
         self._configurator.forget(table.LIMITS, table.WATCHDOG, table.STATE)
 
-    def _take_result(self, request: Request, data: bytes, asked_s: float) -> ReplyResult:
+    def _process_result(self, request: Request, data: bytes, sent_s: float) -> ReplyResult:
         if request.kind is Kind.PING:
-            self._model = f"model {data[0] | data[1] << 8}, firmware {data[2]}"
+            self._model_text = f"model {data[0] | data[1] << 8}, firmware {data[2]}"
         elif request.block is table.TELEMETRY:
-            return self._take_telemetry(data, asked_s)
-        elif request.kind is not Kind.READ or asked_s >= self._changed_s:  # otherwise it is outdated
-            self._restarts.take_result(request, data)
-            self._configurator.take_result(request, data)
+            return self._process_telemetry(data, sent_s)
+        elif request.kind is not Kind.READ or sent_s >= self._last_change_s:  # otherwise it is outdated
+            self._restarts.process_result(request, data)
+            self._configurator.process_result(request, data)
         return ReplyResult()
 
-    def _take_telemetry(self, data: bytes, asked_s: float, *, is_accepted: bool = True) -> ReplyResult:
+    def _process_telemetry(self, data: bytes, sent_s: float, *, is_accepted: bool = True) -> ReplyResult:
         values = table.decode_telemetry(data)
         self._temperature_c = values.temperature_c
         feedback = RudderFeedback(
-            t_s=asked_s,
+            t_s=sent_s,
             shaft_rad=values.shaft_rad,
             temperature_c=values.temperature_c,
             voltage_v=values.voltage_v,
@@ -223,70 +223,70 @@ class DynamixelServo:
         """Note that a request was sent."""
         self._configurator.note_sent(request, now_s)
         self._readings.note_sent(request, now_s)
-        self._goal_was_last = request.kind is Kind.GOAL
+        self._was_goal_last = request.kind is Kind.GOAL
         self._restarts.note_sent(request)
-        if self._goal_was_last:
-            self._goal_due = False
+        if self._was_goal_last:
+            self._is_goal_due = False
             self._goal_request = request
         elif request.kind is not Kind.READ:
-            self._changed_s = now_s
+            self._last_change_s = now_s
         if request.kind is Kind.REBOOT:
-            self._reboot_at_s = now_s + REBOOT_EVERY_S
-            self._search()
+            self._next_reboot_s = now_s + REBOOT_EVERY_S
+            self._start_search()
 
     def needs_prompt_io(self) -> bool:
         """Return whether more than telemetry is to be read or written before the next command."""
         configurator = self._configurator
         if (
             self._phase is not Phase.RUN
-            or configurator.settled_for is not self._torque_command
+            or configurator.verified_command is not self._torque_command
             or configurator.hardware_error
         ):
             return True
-        return (self._goal_due and self._torque_command is True) or self._readings.has_more_due()
+        return (self._is_goal_due and self._torque_command is True) or self._readings.has_more_due()
 
     def next_request(self, now_s: float) -> Request | None:
         """Return the most urgent request: search, correction, goal, reading."""
-        goal_rad = self._shaft_rad if self._goal_due and self._torque_command else None
+        goal_rad = self._shaft_rad if self._is_goal_due and self._torque_command else None
         if self._phase is Phase.SEARCH:
-            blind = self._steered and not self._goal_was_last
-            return self._goal(goal_rad) if blind and goal_rad is not None else self._ping
-        repair = self._configurator.next_request(
-            now_s, torque_command=self._torque_command, in_use=self._phase is Phase.RUN
+            is_goal_next = self._has_steered and not self._was_goal_last
+            return self._goal(goal_rad) if is_goal_next and goal_rad is not None else self._ping
+        correction = self._configurator.next_request(
+            now_s, torque_command=self._torque_command, is_in_use=self._phase is Phase.RUN
         )
-        if repair is not None:
-            return repair
+        if correction is not None:
+            return correction
         if self._phase is Phase.CONFIGURE:
-            if not self._configurator.complete:
+            if not self._configurator.is_complete:
                 return self._readings.next_request(now_s)
             self._phase = Phase.RUN
         if goal_rad is not None and self._configurator.torque_on:
-            self._steered = True
+            self._has_steered = True
             return self._goal(goal_rad)
-        return self._reboot if self._reboot_due(now_s) else self._readings.next_request(now_s)
+        return self._reboot if self._is_reboot_due(now_s) else self._readings.next_request(now_s)
 
     def _goal(self, shaft_rad: float) -> Request:
-        goal, look = table.GOAL_POSITION, self._goal_reads[self._goal_read_index]
+        goal, read = table.GOAL_POSITION, self._goal_reads[self._goal_read_index]
         # A silent servo cannot show whether it supports the combined read.
         if self._goal_read_index == 0 and self._phase is Phase.RUN and self._readings.is_combined_due():
-            look = self._combined
+            read = self._combined
         counts = table.goal_counts(shaft_rad, self._configurator.image)
-        self._at_limit = table.at_limit(counts, self._configurator.image)
-        frame = frames.sync_write(self.device_id, goal.address, goal.encoded(counts)) + look.frame
-        return Request(Kind.GOAL, frame, goal.name, look.parameters, look.block, counts)
+        self._is_at_limit = table.is_at_limit(counts, self._configurator.image)
+        frame = frames.sync_write(self.device_id, goal.address, goal.encode(counts)) + read.frame
+        return Request(Kind.GOAL, frame, goal.name, read.parameters, read.block, counts)
 
-    def _reboot_due(self, now_s: float) -> bool:
+    def _is_reboot_due(self, now_s: float) -> bool:
         errors = self._configurator.hardware_error
         if not errors or self._configurator.torque_on:
-            if self._reboot_at_s is not None and now_s >= self._reboot_at_s:
-                self._reboot_at_s = None
+            if self._next_reboot_s is not None and now_s >= self._next_reboot_s:
+                self._next_reboot_s = None
             return False
-        if self._reboot_at_s is None:
-            self._reboot_at_s = now_s + REBOOT_DELAY_S
-        if not self._torque_command or now_s < self._reboot_at_s or errors & table.ENCODER_ERROR:
+        if self._next_reboot_s is None:
+            self._next_reboot_s = now_s + REBOOT_DELAY_S
+        if not self._torque_command or now_s < self._next_reboot_s or errors & table.ENCODER_ERROR:
             return False
-        hot = self._temperature_c is None or self._temperature_c > MAX_REBOOT_TEMPERATURE_C
-        return not (errors & table.OVERHEATING_ERROR and hot)
+        is_hot = self._temperature_c is None or self._temperature_c > MAX_REBOOT_TEMPERATURE_C
+        return not (errors & table.OVERHEATING_ERROR and is_hot)
 
 
 def dynamixel_rudder(line: ByteLine, options: DynamixelOptions) -> ServoDriver[Request, frames.StatusPacket]:

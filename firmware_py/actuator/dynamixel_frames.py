@@ -1,9 +1,8 @@
 """Codec of Robotis Dynamixel protocol 2.0, without I/O and time.
 
-A frame is FF FF FD 00 | ID | LEN u16 LE | INSTRUCTION | parameters | CRC16 LE. Within
-instruction and parameters every FF FF FD is followed by a stuffed FD, so the header
-cannot occur inside a frame; the CRC (polynomial 0x8005, initial value 0, not reflected)
-covers all stuffed bytes before it.
+A frame is FF FF FD 00 | ID | LEN u16 LE | INSTRUCTION | parameters | CRC16 LE. Within instruction and parameters every
+FF FF FD is followed by a stuffed FD, so the header cannot occur inside a frame. The CRC (polynomial 0x8005, initial
+value 0, not reflected) is computed over all stuffed bytes before it.
 Source: Robotis e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
@@ -16,7 +15,7 @@ import msgspec
 from firmware_py.common import crc16
 
 HEADER = b"\xff\xff\xfd\x00"
-STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
+STUFFED_PATTERN, UNSTUFFED_PATTERN = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
 MAX_ID = 252
 BROADCAST_ID = 254  # servos reply only to a broadcast ping or read
 
@@ -40,7 +39,7 @@ _MIN_LENGTH = 4  # of a status packet: instruction, error, CRC
 
 
 def _frame(device_id: int, body: bytes) -> bytes:
-    stuffed = body.replace(UNSTUFFED, STUFFED)
+    stuffed = body.replace(UNSTUFFED_PATTERN, STUFFED_PATTERN)
     covered = HEADER + struct.pack("<BH", device_id, len(stuffed) + _CRC_SIZE) + stuffed
     return covered + struct.pack("<H", crc16.umts(covered))
 
@@ -51,7 +50,7 @@ def instruction(device_id: int, code: int, parameters: bytes = b"") -> bytes:
 
 
 def ping(device_id: int) -> bytes:
-    """Return a ping; the status packet carries model number u16 and firmware version u8."""
+    """Return a ping; the status packet contains model number u16 and firmware version u8."""
     return instruction(device_id, PING)
 
 
@@ -94,17 +93,17 @@ class StatusPacket(msgspec.Struct, frozen=True):
 
 
 class StatusParser:
-    """Finds status packets in a stream of any bytes; raises no errors.
+    """Finds status packets in any stream of bytes; never raises.
 
-    Instruction packets, such as the echo of a half-duplex adapter, are skipped. Between calls the buffer holds less
-    than one packet of maximum length. `rejected` is the number of status packets with a wrong CRC or length, including
-    truncated ones.
+    Instruction packets, such as the echo of a half-duplex adapter, are skipped. Between calls the buffer
+    contains less than one packet of maximum length. `rejected` is the number of status packets with a wrong CRC or
+    length, including truncated ones.
     """
 
     __slots__ = ("_buffer", "_max_length", "rejected")
 
     def __init__(self, max_length: int = 256) -> None:
-        """Set the maximum length field: a damaged one makes the parser wait for that many bytes."""
+        """Store the maximum of the length field, which limits how long a damaged length delays the next packet."""
         self._buffer = bytearray()
         self._max_length = max_length
         self.rejected = 0
@@ -123,17 +122,17 @@ class StatusParser:
         buffer = self._buffer
         buffer += data
         packets: list[StatusPacket] = []
-        done = 0
-        while (start := buffer.find(HEADER, done)) >= 0:
-            step = self._examine(start, packets)
-            if step == 0:
+        search_start = 0
+        while (start := buffer.find(HEADER, search_start)) >= 0:
+            consumed = self._check_packet(start, packets)
+            if consumed == 0:
                 break
-            done = start + step
+            search_start = start + consumed
         # Without a header, the last three bytes may be the start of one.
-        del buffer[: start if start >= 0 else max(done, len(buffer) - len(HEADER) + 1)]
+        del buffer[: start if start >= 0 else max(search_start, len(buffer) - len(HEADER) + 1)]
         return packets
 
-    def _examine(self, start: int, packets: list[StatusPacket]) -> int:
+    def _check_packet(self, start: int, packets: list[StatusPacket]) -> int:
         """Check the header at start; return the number of bytes to skip, 0 to wait for more bytes."""
         buffer = self._buffer
         available = len(buffer) - start
@@ -147,16 +146,16 @@ class StatusParser:
             return 1
         size = _HEAD_SIZE + length
         # A header before the CRC shows that this packet is truncated: the rest belongs to the next one.
-        inner = buffer.find(HEADER, start + _HEAD_SIZE, min(start + size - _CRC_SIZE, len(buffer)))
-        if inner >= 0:
+        next_header = buffer.find(HEADER, start + _HEAD_SIZE, min(start + size - _CRC_SIZE, len(buffer)))
+        if next_header >= 0:
             self.rejected += 1
-            return inner - start
+            return next_header - start
         if available < size:
             return 0
         packet = bytes(buffer[start : start + size])
         if crc16.umts(packet[:-_CRC_SIZE]) != packet[-2] | packet[-1] << 8:
             self.rejected += 1
             return 1
-        body = packet[_HEAD_SIZE:-_CRC_SIZE].replace(STUFFED, UNSTUFFED)
+        body = packet[_HEAD_SIZE:-_CRC_SIZE].replace(STUFFED_PATTERN, UNSTUFFED_PATTERN)
         packets.append(StatusPacket(packet[4], body[1], body[2:]))
         return size

@@ -22,10 +22,10 @@ AMPERES_PER_COUNT = 2.69e-3
 VOLTS_PER_COUNT = 0.1
 
 POSITION_MODE = 3
-ANSWER_EVERYTHING = 2  # status return level
+REPLY_TO_ALL = 2  # status return level
 WATCHDOG_TRIPPED = -1
 
-AT_LIMIT = "goal at a position limit of the servo"
+AT_LIMIT_TEXT = "goal at a position limit of the servo"
 AT_LIMIT_COUNTS = 12  # 1 degree
 HARDWARE_ERRORS = {
     0x01: "input voltage",
@@ -37,7 +37,7 @@ HARDWARE_ERRORS = {
 ENCODER_ERROR, OVERHEATING_ERROR = 0x08, 0x04
 
 
-class Block(msgspec.Struct, frozen=True, eq=False):  # compared by identity, for speed
+class Block(msgspec.Struct, frozen=True, eq=False):  # compared by identity, which is faster
     """A range that is read in one exchange.
 
     Every block has a different length (and a ping has 3): a status packet does not name its request, so its length
@@ -56,7 +56,7 @@ STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
-# The start registers exist in every X: not 102, which servos without a goal current do not have.
+# Their first registers exist in every X; register 102 does not exist in servos without a goal current.
 GOAL_READS = (
     GOAL_AND_TELEMETRY,
     *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 100)),
@@ -77,7 +77,7 @@ class Register(msgspec.Struct, frozen=True):
     block: Block
     address: int
     size: int
-    signed: bool = False
+    is_signed: bool = False
 
     @property
     def is_eeprom(self) -> bool:
@@ -87,16 +87,16 @@ class Register(msgspec.Struct, frozen=True):
     def value(self, image: Image) -> int | None:
         """Return the last value read, None if its block is not known."""
         data = image.get(self.block)
-        return None if data is None else self.decoded(data)
+        return None if data is None else self.decode(data)
 
-    def decoded(self, data: bytes) -> int:
+    def decode(self, data: bytes) -> int:
         """Return the value within the bytes of its block."""
         offset = self.address - self.block.address
-        return int.from_bytes(data[offset : offset + self.size], "little", signed=self.signed)
+        return int.from_bytes(data[offset : offset + self.size], "little", signed=self.is_signed)
 
-    def encoded(self, value: int) -> bytes:
+    def encode(self, value: int) -> bytes:
         """Return the bytes to write."""
-        return value.to_bytes(self.size, "little", signed=self.signed)
+        return value.to_bytes(self.size, "little", signed=self.is_signed)
 
 
 RETURN_DELAY = Register("return delay", SETTINGS, 9, 1)
@@ -105,8 +105,8 @@ OPERATING_MODE = Register("operating mode", SETTINGS, 11, 1)
 TORQUE_ENABLE = Register("torque enable", STATE, 64, 1)
 STATUS_LEVEL = Register("status return level", STATE, 68, 1)
 HARDWARE_ERROR = Register("hardware error", STATE, 70, 1)
-BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, signed=True)
-GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, signed=True)
+BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, is_signed=True)
+GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, is_signed=True)
 
 
 class Setting(msgspec.Struct, frozen=True):
@@ -118,9 +118,9 @@ class Setting(msgspec.Struct, frozen=True):
     register: Register
     value: int
     mask: int = 0xFFFFFFFF
-    essential: bool = False
+    is_essential: bool = False
 
-    def corrected(self, present: int) -> int:
+    def corrected_value(self, present: int) -> int:
         """Return the value to write; the present one if it is correct."""
         return (present & ~self.mask) | self.value
 
@@ -128,9 +128,9 @@ class Setting(msgspec.Struct, frozen=True):
 REQUIRED_SETTINGS = (
     # Torque only by the torque register (bit 3); profile velocity as speed, not time (bit 2).
     Setting(DRIVE_MODE, 0, mask=0x0C),
-    Setting(OPERATING_MODE, POSITION_MODE, essential=True),
+    Setting(OPERATING_MODE, POSITION_MODE, is_essential=True),
     Setting(RETURN_DELAY, 0),
-    Setting(STATUS_LEVEL, ANSWER_EVERYTHING),
+    Setting(STATUS_LEVEL, REPLY_TO_ALL),
 )
 
 
@@ -147,7 +147,7 @@ def _limits(image: Image) -> tuple[int, int]:
     return (low, high) if low <= high else (0, MAX_COUNTS)  # contradictory limits are ignored
 
 
-def at_limit(counts: int, image: Image) -> bool:
+def is_at_limit(counts: int, image: Image) -> bool:
     """Return whether a goal position is at a limit of the servo, also because it was limited."""
     low, high = _limits(image)
     return not low + AT_LIMIT_COUNTS <= counts <= high - AT_LIMIT_COUNTS
@@ -163,18 +163,18 @@ class Telemetry(msgspec.Struct, frozen=True):
     invalid_values: int
 
 
-def part_of(data: bytes, block: Block) -> bytes:
+def extract_block(data: bytes, block: Block) -> bytes:
     """Return a block within the bytes of COMBINED."""
     begin = block.address - COMBINED.address
     return data[begin : begin + block.length]
 
 
-def goal_of(data: bytes) -> int:
+def extract_goal(data: bytes) -> int:
     """Return the goal position within the bytes of any of GOAL_READS, or of COMBINED."""
-    return GOAL_POSITION.decoded(data[-GOAL_AND_TELEMETRY.length :])
+    return GOAL_POSITION.decode(data[-GOAL_AND_TELEMETRY.length :])
 
 
-def telemetry_of(data: bytes) -> bytes:
+def extract_telemetry(data: bytes) -> bytes:
     """Return the telemetry block within the bytes of any of GOAL_READS, or of COMBINED."""
     return data[-TELEMETRY.length :]
 

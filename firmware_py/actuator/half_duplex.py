@@ -1,4 +1,4 @@
-"""Half-duplex bus: one request at a time, and replies that may arrive after their request was given up."""
+"""Half-duplex bus: one request at a time; a reply may arrive after its request was given up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware_py.common.interfaces import ByteLine
 RequestT = TypeVar("RequestT")
 
 SILENT_AFTER_S = 0.5
-SILENT_AFTER_REQUESTS = 3  # one lost reply in a slow loop does not count as silence
+SILENT_AFTER_REQUESTS = 3  # one lost reply of a slow loop is not silence
 EARLY_FRACTION = 0.5
 OVERDUE_S, OVERDUE_PERIODS = 0.25, 2.5
 MAX_PERIOD_S = 1.0
@@ -34,7 +34,7 @@ class MatchedRequest(NamedTuple, Generic[RequestT]):
     """
 
     request: RequestT
-    asked_s: float
+    sent_s: float
     is_certain: bool = True
     uncertain: RequestT | None = None
 
@@ -47,86 +47,86 @@ class HalfDuplex(Generic[RequestT]):
     """
 
     __slots__ = (
-        *("_given_up", "_line", "_openings", "_reply_timeout_s", "_unanswered", "_waiting_since_s"),
-        *("outstanding", "sent_s"),
+        *("_given_up_requests", "_line", "_openings", "_reply_timeout_s", "_unanswered_count", "_waiting_since_s"),
+        *("pending_request", "sent_s"),
     )
 
     def __init__(self, line: ByteLine, reply_timeout_s: float) -> None:
-        """Set the line and the reply timeout."""
+        """Store the line and the reply timeout."""
         self._line = line
         self._reply_timeout_s = reply_timeout_s
         self._openings = line.openings
         self.sent_s = 0.0  # time of the last request
-        self._unanswered = 0
+        self._unanswered_count = 0
         self._waiting_since_s: float | None = None
-        self._given_up: deque[tuple[RequestT, float]] = deque()  # with the time of sending; oldest first
-        self.outstanding: RequestT | None = None
+        self._given_up_requests: deque[tuple[RequestT, float]] = deque()  # with the time of sending; oldest first
+        self.pending_request: RequestT | None = None
 
     def notice_reopening(self) -> bool:
         """Return whether the line was reopened since the last call; if so, discard all requests."""
         if self._line.openings == self._openings:
             return False
         self._openings = self._line.openings
-        self.finish()
+        self.end_exchange()
         return True
 
-    def ask(self, frame: bytes, request: RequestT, now_s: float) -> bool:
-        """Write a frame and wait for its reply; False if the line does not accept it."""
+    def send(self, frame: bytes, request: RequestT, now_s: float) -> bool:
+        """Write a frame, whose reply is then pending; return False if the line does not accept it."""
         if not self._line.write(frame):
             return False
-        self.outstanding = request
+        self.pending_request = request
         self.sent_s = now_s
         if self._waiting_since_s is None:
             self._waiting_since_s = now_s
         return True
 
-    def finish(self) -> None:
-        """End the exchange after its reply; replies to earlier requests will not arrive."""
-        self.outstanding = None
-        self._given_up.clear()
-        self._unanswered = 0
+    def end_exchange(self) -> None:
+        """End the exchange after its reply, and discard the requests that were given up."""
+        self.pending_request = None
+        self._given_up_requests.clear()
+        self._unanswered_count = 0
         self._waiting_since_s = None
 
-    def match_reply(self, fits: Callable[[RequestT], bool]) -> MatchedRequest[RequestT] | None:
-        """Return the request of a reply, None without one; `fits` checks whether a request matches.
+    def match_reply(self, matches: Callable[[RequestT], bool]) -> MatchedRequest[RequestT] | None:
+        """Return the request of a reply, None without one; `matches` checks whether a request matches.
 
         The bus is free if the reply matches the newest request. If the match is not certain, the newest is given up.
         """
-        newest, sent_s = self.outstanding, self.sent_s
-        fits_newest = newest is not None and fits(newest)
-        candidates = [number for number, (request, _) in enumerate(self._given_up) if fits(request)]
-        if not candidates:
-            if newest is None or not fits_newest:
+        newest, newest_sent_s = self.pending_request, self.sent_s
+        matches_newest = newest is not None and matches(newest)
+        matching = [index for index, (request, _) in enumerate(self._given_up_requests) if matches(request)]
+        if not matching:
+            if newest is None or not matches_newest:
                 return None
-            self.finish()
-            return MatchedRequest(newest, sent_s)
-        for _ in range(candidates[0]):
-            self._given_up.popleft()
-        request, asked_s = self._given_up.popleft()
-        uncertain = newest if fits_newest else None
+            self.end_exchange()
+            return MatchedRequest(newest, newest_sent_s)
+        for _ in range(matching[0]):
+            self._given_up_requests.popleft()
+        request, sent_s = self._given_up_requests.popleft()
+        uncertain = newest if matches_newest else None
         if uncertain is not None:
-            self._given_up.append((uncertain, sent_s))
-            self.outstanding = None
-        self._unanswered = 0
-        self._waiting_since_s = None if self.outstanding is None else sent_s
-        return MatchedRequest(request, asked_s, len(candidates) == 1 and uncertain is None, uncertain)
+            self._given_up_requests.append((uncertain, newest_sent_s))
+            self.pending_request = None
+        self._unanswered_count = 0
+        self._waiting_since_s = None if self.pending_request is None else newest_sent_s
+        return MatchedRequest(request, sent_s, len(matching) == 1 and uncertain is None, uncertain)
 
-    def take_expired(self, now_s: float) -> RequestT | None:
+    def give_up_expired(self, now_s: float) -> RequestT | None:
         """Return the request that is given up now, once."""
-        request = self.outstanding
+        request = self.pending_request
         if request is None or now_s - self.sent_s < self._reply_timeout_s:
             return None
-        self.outstanding = None
-        while self._given_up and now_s - self._given_up[0][1] > MAX_REPLY_DELAY_S:
-            self._given_up.popleft()
-        self._given_up.append((request, self.sent_s))
-        self._unanswered += 1
+        self.pending_request = None
+        while self._given_up_requests and now_s - self._given_up_requests[0][1] > MAX_REPLY_DELAY_S:
+            self._given_up_requests.popleft()
+        self._given_up_requests.append((request, self.sent_s))
+        self._unanswered_count += 1
         return request
 
     def is_silent(self, now_s: float) -> bool:
         """Return whether the device has stopped replying."""
         waiting_since_s = self._waiting_since_s
-        if waiting_since_s is None or self._unanswered < SILENT_AFTER_REQUESTS:
+        if waiting_since_s is None or self._unanswered_count < SILENT_AFTER_REQUESTS:
             return False
         return now_s - waiting_since_s >= SILENT_AFTER_S
 

@@ -22,7 +22,7 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Ru
 MAX_FEEDBACK = 8
 
 
-class Frame(Protocol):
+class FramedRequest(Protocol):
     """A request of a protocol."""
 
     @property
@@ -30,7 +30,7 @@ class Frame(Protocol):
         """The bytes to write."""
 
 
-RequestT = TypeVar("RequestT", bound=Frame)
+RequestT = TypeVar("RequestT", bound=FramedRequest)
 ReplyT = TypeVar("ReplyT")
 ReplyT_co = TypeVar("ReplyT_co", covariant=True)
 
@@ -78,7 +78,7 @@ class Servo(Protocol[RequestT, ReplyT]):
         """Return the request to send now, None without one; called while the bus is free."""
 
     def needs_prompt_io(self) -> bool:
-        """Return whether a request waits for the bus, and so for the reply to the previous one."""
+        """Return whether a request is due, which has to wait for the reply to the previous one."""
 
     def note_sent(self, request: RequestT, now_s: float) -> None:
         """Note that a request was sent."""
@@ -89,19 +89,19 @@ class Servo(Protocol[RequestT, ReplyT]):
     def note_silence(self) -> None:
         """Note that the servo has stopped replying; called repeatedly while it is silent."""
 
-    def answers(self, reply: ReplyT, request: RequestT) -> bool:
+    def matches(self, reply: ReplyT, request: RequestT) -> bool:
         """Return whether a reply matches the request; it may belong to an earlier request or another device."""
 
-    def process_reply(self, request: RequestT, reply: ReplyT, asked_s: float, *, is_certain: bool) -> ReplyResult:
-        """Process the reply to a request, which may have been given up; its values are from `asked_s` or later.
+    def process_reply(self, request: RequestT, reply: ReplyT, sent_s: float, *, is_certain: bool) -> ReplyResult:
+        """Process the reply to a request, which may have been given up; its values are from `sent_s` or later.
 
         Not `is_certain`: the reply also matches a later request.
         """
 
-    def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
+    def condition(self, *, has_replied: bool) -> tuple[DeviceState, str]:
         """Return the state of a servo that is not silent, and its text.
 
-        `answered`: whether it has replied since the line was opened.
+        `has_replied`: whether it has replied since the line was opened.
         """
 
 
@@ -109,7 +109,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
     """An interfaces.Rudder for a servo."""
 
     def __init__(self, line: ByteLine, servo: Servo[RequestT, ReplyT], *, reply_timeout_s: float) -> None:
-        """Set the line and the servo; raises ValueError for a timeout outside 0 to MAX_REPLY_TIMEOUT_S."""
+        """Store the line and the servo; raises ValueError for a timeout outside 0 to MAX_REPLY_TIMEOUT_S."""
         if not 0.0 < reply_timeout_s <= MAX_REPLY_TIMEOUT_S:
             raise ValueError(
                 f"reply timeout {reply_timeout_s:g} s of a servo: allowed are 0 to {MAX_REPLY_TIMEOUT_S:g} s"
@@ -120,7 +120,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
         self._feedback: deque[RudderFeedback] = deque(maxlen=MAX_FEEDBACK)
         self._accepted = 0
         self._rejected = 0
-        self._answered = False  # since the line was opened
+        self._has_replied = False  # whether the servo has replied since the line was opened
         self._shaft_rad: float | None = None
 
     def fileno(self) -> int:
@@ -128,8 +128,8 @@ class ServoDriver(Generic[RequestT, ReplyT]):
         return self._line.fileno()
 
     def needs_prompt_io(self) -> bool:
-        """Return whether the next reply must be read at once, because another request waits."""
-        return self._bus.outstanding is not None and self._servo.needs_prompt_io()
+        """Return whether the next reply must be read at once, because another request is due."""
+        return self._bus.pending_request is not None and self._servo.needs_prompt_io()
 
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Send the goal, at once if the bus is free; a goal that is not finite is rejected."""
@@ -139,7 +139,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             self._rejected += 1
         self._notice_reopening()
         self._servo.command(self._shaft_rad, now_s, torque_on=command.torque_on)
-        if self._bus.outstanding is not None:  # its reply may have arrived
+        if self._bus.pending_request is not None:  # its reply may have arrived
             self._read()
         self._send(now_s)
 
@@ -165,42 +165,42 @@ class ServoDriver(Generic[RequestT, ReplyT]):
         if not self._line.connected:
             return DeviceState.ABSENT, f"port {self._line.name} not connected"
         if self._bus.is_silent(now_s):
-            state = DeviceState.SILENT if self._answered else DeviceState.STARTING
+            state = DeviceState.SILENT if self._has_replied else DeviceState.STARTING
             return state, f"no reply from servo id {self._servo.device_id}"
-        return self._servo.condition(answered=self._answered)
+        return self._servo.condition(has_replied=self._has_replied)
 
     def _notice_reopening(self) -> None:
         if self._bus.notice_reopening():
             self._servo.parser.clear()
             self._servo.restart()
-            self._answered = False
+            self._has_replied = False
 
     def _read(self) -> None:
         data = self._line.read()
         for reply in self._servo.parser.feed(data) if data else ():
-            answered = self._bus.match_reply(partial(self._servo.answers, reply))
-            if answered is None:
+            match = self._bus.match_reply(partial(self._servo.matches, reply))
+            if match is None:
                 self._rejected += 1
                 continue
-            self._answered = True
-            request, asked_s, is_certain, uncertain = answered
-            answer = self._servo.process_reply(request, reply, asked_s, is_certain=is_certain)
+            self._has_replied = True
+            request, sent_s, is_certain, uncertain = match
+            result = self._servo.process_reply(request, reply, sent_s, is_certain=is_certain)
             if uncertain is not None:
                 self._servo.note_lost(uncertain)
-            self._accepted += answer.is_accepted
-            self._rejected += answer.invalid_values + (not answer.is_accepted)
-            if answer.feedback is not None:
-                self._feedback.append(answer.feedback)
+            self._accepted += result.is_accepted
+            self._rejected += result.invalid_values + (not result.is_accepted)
+            if result.feedback is not None:
+                self._feedback.append(result.feedback)
 
     def _send(self, now_s: float) -> None:
         if not self._line.connected:
             return
         bus = self._bus
-        if bus.outstanding is not None and (lost := bus.take_expired(now_s)) is not None:
+        if bus.pending_request is not None and (lost := bus.give_up_expired(now_s)) is not None:
             self._servo.note_lost(lost)
         if bus.is_silent(now_s):
             self._servo.note_silence()
-        if bus.outstanding is None:
+        if bus.pending_request is None:
             request = self._servo.next_request(now_s)
-            if request is not None and bus.ask(request.frame, request, now_s):
+            if request is not None and bus.send(request.frame, request, now_s):
                 self._servo.note_sent(request, now_s)

@@ -61,9 +61,9 @@ class VolzServo:
         )
         self._shaft_rad: float | None = None
         self._torque_command = False
-        self._position_due = False
-        self._reading_due = False
-        self._reading_s = -math.inf
+        self._is_position_due = False
+        self._is_reading_due = False
+        self._last_reading_s = -math.inf
 
         self._voltage_v: float | None = None
         self._current_a: float | None = None
@@ -82,19 +82,19 @@ class VolzServo:
         self._shaft_rad = shaft_rad
         self._torque_command = torque_on
         self._window.note_command(now_s)
-        self._position_due = self._reading_due = True
+        self._is_position_due = self._is_reading_due = True
 
-    def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
+    def condition(self, *, has_replied: bool) -> tuple[DeviceState, str]:
         """Return the state; silence is the only detectable fault."""
-        if not answered:
+        if not has_replied:
             return DeviceState.STARTING, f"no reply from servo id {self.device_id}"
         return DeviceState.RUNNING, "" if self._torque_command else "no position sent; the servo holds the last one"
 
-    def answers(self, reply: frames.Reply, request: Request) -> bool:
+    def matches(self, reply: frames.Reply, request: Request) -> bool:
         """Return whether the code of the reply belongs to that of the request."""
-        return reply.code == frames.REPLY_OF[request.code]
+        return reply.code == frames.REPLY_CODES_BY_REQUEST[request.code]
 
-    def process_reply(self, _request: Request, reply: frames.Reply, asked_s: float, *, is_certain: bool) -> ReplyResult:  # noqa: ARG002 - the code says what it is
+    def process_reply(self, _request: Request, reply: frames.Reply, sent_s: float, *, is_certain: bool) -> ReplyResult:  # noqa: ARG002 - the code identifies the reply
         """Store a reading; there is feedback for each angle, or for each reading while there are no angles."""
         shaft_rad = None
         if reply.code == frames.POSITION_REPLY:
@@ -105,14 +105,14 @@ class VolzServo:
             value = self._current_a = reply.current_a()
         else:
             value = self._temperature_c = reply.temperature_c()
-        complete = reply.code == frames.POSITION_REPLY or not self._torque_command
+        has_feedback = reply.code == frames.POSITION_REPLY or not self._torque_command
         return ReplyResult(
-            invalid_values=value is None, feedback=self._feedback(shaft_rad, asked_s) if complete else None
+            invalid_values=value is None, feedback=self._feedback(shaft_rad, sent_s) if has_feedback else None
         )
 
-    def _feedback(self, shaft_rad: float | None, asked_s: float) -> RudderFeedback:
+    def _feedback(self, shaft_rad: float | None, sent_s: float) -> RudderFeedback:
         return RudderFeedback(
-            t_s=asked_s,
+            t_s=sent_s,
             shaft_rad=shaft_rad,
             temperature_c=self._temperature_c,
             voltage_v=self._voltage_v,
@@ -122,24 +122,25 @@ class VolzServo:
 
     def next_request(self, now_s: float) -> Request | None:
         """Return the position if it is due, otherwise a reading that does not delay the next one."""
-        if self._position_due and self._torque_command and self._shaft_rad is not None:
+        if self._is_position_due and self._torque_command and self._shaft_rad is not None:
             return Request(frames.SET_POSITION, frames.set_position(self.device_id, self._shaft_rad))
-        if (self._reading_due and self._window.is_early(now_s)) or self._window.is_overdue(now_s - self._reading_s):
+        is_overdue = self._window.is_overdue(now_s - self._last_reading_s)
+        if is_overdue or (self._is_reading_due and self._window.is_early(now_s)):
             return self._readings[0]
         return None
 
     def needs_prompt_io(self) -> bool:
         """Return whether the position or a reading is due."""
-        return (self._position_due and self._torque_command) or self._reading_due
+        return (self._is_position_due and self._torque_command) or self._is_reading_due
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request was sent."""
         if request.code == frames.SET_POSITION:
-            self._position_due = False
+            self._is_position_due = False
         else:
             self._readings.rotate(-1)
-            self._reading_due = False
-            self._reading_s = now_s
+            self._is_reading_due = False
+            self._last_reading_s = now_s
 
     def note_lost(self, request: Request) -> None:
         """Do nothing: the next command repeats the position, and the readings are repeated in turn."""

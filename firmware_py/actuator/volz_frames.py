@@ -18,7 +18,7 @@ from firmware_py.common.angles import clamp, radians
 
 SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0
 POSITION_REPLY, CURRENT_REPLY, VOLTAGE_REPLY, TEMPERATURE_REPLY = 0x2C, 0x30, 0x31, 0x10
-REPLY_OF = {
+REPLY_CODES_BY_REQUEST = {
     SET_POSITION: POSITION_REPLY,
     READ_CURRENT: CURRENT_REPLY,
     READ_VOLTAGE: VOLTAGE_REPLY,
@@ -27,26 +27,26 @@ REPLY_OF = {
 
 FRAME_SIZE = 6
 CENTRE_COUNTS = 0x0800
-LOWEST_COUNTS, HIGHEST_COUNTS = 0x0080, 0x0F80  # -100 and +100 deg
-MAX_COUNTS = 0x0FFF  # of the sensor: a shaft pushed beyond its range
-RADIANS_PER_COUNT = radians(100.0) / (HIGHEST_COUNTS - CENTRE_COUNTS)
+MIN_COUNTS, MAX_COUNTS = 0x0080, 0x0F80  # -100 and +100 deg
+MAX_SENSOR_COUNTS = 0x0FFF  # the shaft can be pushed beyond the range of commands
+RADIANS_PER_COUNT = radians(100.0) / (MAX_COUNTS - CENTRE_COUNTS)
 AMPERES_PER_COUNT = 0.02
 VOLTS_PER_COUNT = 0.2
 TEMPERATURE_OFFSET_C = -50.0
-HIGHEST_TEMPERATURE_C = 150.0
+MAX_TEMPERATURE_C = 150.0
 
-_REPLIES = frozenset(REPLY_OF.values())
+_REPLY_CODES = frozenset(REPLY_CODES_BY_REQUEST.values())
 
 
 def request(code: int, device_id: int, argument: int = 0) -> bytes:
     """Return the frame of a request with a 16-bit argument."""
-    covered = struct.pack(">BBH", code, device_id, argument)
-    return covered + struct.pack(">H", crc16.cms(covered))
+    head = struct.pack(">BBH", code, device_id, argument)
+    return head + struct.pack(">H", crc16.cms(head))
 
 
 def set_position(device_id: int, shaft_rad: float) -> bytes:
     """Return the request to move to a finite shaft angle, limited to +-100 deg."""
-    counts = round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, LOWEST_COUNTS, HIGHEST_COUNTS))
+    counts = round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, MIN_COUNTS, MAX_COUNTS))
     return request(SET_POSITION, device_id, counts)
 
 
@@ -60,7 +60,7 @@ class Reply(msgspec.Struct, frozen=True):
     def shaft_rad(self) -> float | None:
         """Return the measured angle of a position reply, None if out of the range of the sensor."""
         counts = self.first << 8 | self.second
-        return (counts - CENTRE_COUNTS) * RADIANS_PER_COUNT if counts <= MAX_COUNTS else None
+        return (counts - CENTRE_COUNTS) * RADIANS_PER_COUNT if counts <= MAX_SENSOR_COUNTS else None
 
     def current_a(self) -> float:
         """Return the total current of both supplies."""
@@ -74,11 +74,11 @@ class Reply(msgspec.Struct, frozen=True):
     def temperature_c(self) -> float | None:
         """Return the higher temperature of motor and circuit board, None if out of range."""
         hotter_c = max(self.first, self.second) + TEMPERATURE_OFFSET_C
-        return hotter_c if hotter_c <= HIGHEST_TEMPERATURE_C else None
+        return hotter_c if hotter_c <= MAX_TEMPERATURE_C else None
 
 
 class ReplyParser:
-    """Finds the replies of one servo in a stream of any bytes; raises no errors.
+    """Finds the replies of one servo in any stream of bytes; never raises.
 
     `rejected` is the number of replies with a wrong checksum.
     """
@@ -86,7 +86,7 @@ class ReplyParser:
     __slots__ = ("_buffer", "_device_id", "rejected")
 
     def __init__(self, device_id: int) -> None:
-        """Set the id of the servo."""
+        """Store the id of the servo."""
         self._buffer = bytearray()
         self._device_id = device_id
         self.rejected = 0
@@ -108,16 +108,16 @@ class ReplyParser:
         start = 0
         while len(buffer) - start >= FRAME_SIZE:
             code = buffer[start]
-            fits = buffer[start + 1] == self._device_id and (code in _REPLIES or code in REPLY_OF)
-            if not fits:
+            is_frame = buffer[start + 1] == self._device_id and (code in _REPLY_CODES or code in REPLY_CODES_BY_REQUEST)
+            if not is_frame:
                 start += 1
                 continue
             frame = bytes(buffer[start : start + FRAME_SIZE])
             if crc16.cms(frame[:4]) != frame[4] << 8 | frame[5]:
-                self.rejected += code in _REPLIES
+                self.rejected += code in _REPLY_CODES
                 start += 1
                 continue
-            if code in _REPLIES:  # otherwise the echo of a request
+            if code in _REPLY_CODES:  # otherwise the echo of a request
                 replies.append(Reply(code, frame[2], frame[3]))
             start += FRAME_SIZE
         del buffer[:start]

@@ -81,7 +81,7 @@ def test_single_bit_flip_is_rejected_dynamixel(frame):
         assert dynamixel_frames.StatusParser().feed(bytes(damaged)) == [], bit
 
 
-@given(st.integers(0, 0xFFFF), st.sampled_from(sorted(volz_frames.REPLY_OF.values())), st.integers(0, 47))
+@given(st.integers(0, 0xFFFF), st.sampled_from(sorted(volz_frames.REPLY_CODES_BY_REQUEST.values())), st.integers(0, 47))
 def test_single_bit_flip_is_rejected_volz(argument, code, bit):
     frame = volz_frames.request(code, 1, argument)
     assert len(volz_frames.ReplyParser(1).feed(frame)) == 1

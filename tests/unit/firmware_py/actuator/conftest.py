@@ -1,7 +1,8 @@
-"""Small stand-ins for the two servos, written from the makers' pages and not from the drivers."""
+"""Simulated servos, written from the documents of the manufacturers and not from the drivers, and a rig for drivers."""
 
 import math
 import struct
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,7 +13,7 @@ VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
 INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")
 
 
-def crc_by_hand(data, initial):
+def crc16(data, initial):
     """CRC-16, polynomial 0x8005, not reflected, bit by bit."""
     crc = initial
     for byte in data:
@@ -23,14 +24,14 @@ def crc_by_hand(data, initial):
 
 
 def dynamixel_frame(device_id, body):
-    """Frame a body, stuffing byte by byte as the maker describes it."""
+    """Frame a body with byte stuffing as in the description of the protocol."""
     stuffed = bytearray()
     for byte in body:
         stuffed.append(byte)
         if stuffed[-3:] == b"\xff\xff\xfd":
             stuffed.append(0xFD)
     head = INSTRUCTION_HEADER + bytes((device_id,)) + struct.pack("<H", len(stuffed) + 2) + bytes(stuffed)
-    return head + struct.pack("<H", crc_by_hand(head, 0))
+    return head + struct.pack("<H", crc16(head, 0))
 
 
 def status_frame(device_id, error, parameters=b""):
@@ -39,11 +40,11 @@ def status_frame(device_id, error, parameters=b""):
 
 def volz_frame(code, device_id, first, second):
     head = bytes((code, device_id, first, second))
-    return head + struct.pack(">H", crc_by_hand(head, 0xFFFF))
+    return head + struct.pack(">H", crc16(head, 0xFFFF))
 
 
 class FakeDynamixel:
-    """An XW540 that answers at once and knows only what the driver needs."""
+    """An XW540 that replies at once, with the registers that the driver uses."""
 
     def __init__(self, device_id=1):
         self.device_id = device_id
@@ -57,14 +58,14 @@ class FakeDynamixel:
         self.put(48, 4095, 4)
         self.put(52, 0, 4)
         self.position = 2048
-        self.refuse = {}  # address -> error code of a write
-        self.ignore = set()  # addresses whose writes are answered and have no effect
+        self.write_errors = {}  # error codes of reads and writes by address
+        self.ignored_addresses = set()  # addresses whose writes have a reply but no effect
         self.eeprom_writes = []  # address, value, torque
         self.ram_writes = []  # address, value
         self.reads = []
         self.reboots = 0
-        self.longest_read, self.too_long = 255, 4  # what a longer one is answered: an error, or None for nothing
-        self.unheard = []  # addresses of writes that are obeyed and whose answer is lost, once each
+        self.max_read, self.read_error = 255, 4  # error code of the reply to a longer read, None for no reply
+        self.lost_replies = []  # addresses of writes whose reply is lost, once each
         self.restart()
 
     def put(self, address, value, size):
@@ -94,17 +95,17 @@ class FakeDynamixel:
         return self.get(116, 4)
 
     def handle(self, data):
-        """Obey one frame after the other, as they stand in one write."""
-        answers = b""
+        """Execute the frames of one write in order; return the replies."""
+        replies = b""
         while data:
             end = 7 + struct.unpack("<H", data[5:7])[0]
-            answers += self.handle_frame(data[:end])
+            replies += self.handle_frame(data[:end])
             data = data[end:]
-        return answers
+        return replies
 
     def handle_frame(self, frame):
         assert frame[:4] == INSTRUCTION_HEADER, frame.hex()
-        assert struct.unpack("<H", frame[-2:])[0] == crc_by_hand(frame[:-2], 0)
+        assert struct.unpack("<H", frame[-2:])[0] == crc16(frame[:-2], 0)
         assert struct.unpack("<H", frame[5:7])[0] == len(frame) - 7
         if self.powered and frame[4] == 0xFE and frame[7] == 0x83:
             address, length = struct.unpack("<HH", frame[8:12])
@@ -114,25 +115,25 @@ class FakeDynamixel:
             return b""
         if not self.powered or frame[4] != self.device_id:
             return b""
-        error, answer = self.obey(frame[7], frame[8:-2])
+        error, parameters = self.execute(frame[7], frame[8:-2])
         if error is None:
             return b""
-        if frame[7] == 3 and frame[8] in self.unheard:
-            self.unheard.remove(frame[8])
+        if frame[7] == 3 and frame[8] in self.lost_replies:
+            self.lost_replies.remove(frame[8])
             return b""
         alert = 0x80 if self.registers[70] else 0
-        return status_frame(self.device_id, error | alert, answer)
+        return status_frame(self.device_id, error | alert, parameters)
 
-    def obey(self, instruction, parameters):
+    def execute(self, instruction, parameters):
         if instruction == 1:
             return 0, bytes((*self.registers[0:2], self.registers[6]))
         if instruction == 2:
             address, length = struct.unpack("<HH", parameters)
             self.reads.append(address)
-            if address in self.refuse:
-                return self.refuse[address], b""
-            if length > self.longest_read:
-                return self.too_long, b""
+            if address in self.write_errors:
+                return self.write_errors[address], b""
+            if length > self.max_read:
+                return self.read_error, b""
             self.put(132, self.position, 4)
             return 0, bytes(self.registers[address : address + length])
         if instruction == 8:
@@ -151,9 +152,9 @@ class FakeDynamixel:
                 return 7
         else:
             self.ram_writes.append((address, value))
-        if address in self.refuse:
-            return self.refuse[address]
-        if address in self.ignore:
+        if address in self.write_errors:
+            return self.write_errors[address]
+        if address in self.ignored_addresses:
             return 0
         if address == 116:
             low, high = self.get(52, 4), self.get(48, 4)
@@ -168,7 +169,7 @@ class FakeDynamixel:
 
 
 class FakeVolz:
-    """A DA 26 that answers at once; `values` holds the two arguments of each reading's reply."""
+    """A DA 26 that replies at once; `values` contains the two arguments of the replies to readings."""
 
     def __init__(self, device_id=1):
         self.device_id = device_id
@@ -191,8 +192,8 @@ class FakeVolz:
         return volz_frame(VOLZ_REPLIES[frame[0]], self.device_id, first, second)
 
 
-class Sail:
-    """Ticks a driver: receive, command, then what the loop does in the slack."""
+class Rig:
+    """Runs a driver as the loop does: in each tick receive, command, and then `slack` calls of receive."""
 
     def __init__(self, rudder, *, period_s=0.1, slack=6):
         self.rudder = rudder
@@ -217,16 +218,13 @@ class Sail:
 
 @pytest.fixture(scope="session")
 def fakes():
-    """The names of this module, for tests that cannot import it."""
-
-    class Names:
-        line = FakeLine
-        late_line = LateLine
-        dynamixel = FakeDynamixel
-        volz = FakeVolz
-        sail = Sail
-
-    Names.dynamixel_frame = staticmethod(dynamixel_frame)
-    Names.status_frame = staticmethod(status_frame)
-    Names.volz_frame = staticmethod(volz_frame)
-    return Names
+    """Classes and functions of this module, which tests cannot import."""
+    return SimpleNamespace(
+        line=FakeLine,
+        late_line=LateLine,
+        dynamixel=FakeDynamixel,
+        volz=FakeVolz,
+        rig=Rig,
+        status_frame=status_frame,
+        volz_frame=volz_frame,
+    )

@@ -1,4 +1,4 @@
-"""Behaviour that both servo drivers share."""
+"""Common behaviour of both servo drivers."""
 
 import math
 
@@ -38,8 +38,8 @@ def driver(kind):
 
 
 @pytest.fixture
-def sail(fakes, line, driver):
-    return fakes.sail(driver(line))
+def rig(fakes, line, driver):
+    return fakes.rig(driver(line))
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def counts(kind):
     return lambda shaft_deg: 2048 + round(COUNTS_PER_DEG[kind] * shaft_deg)
 
 
-def test_there_is_one_frame_per_reply(fakes, servo, driver):
+def test_next_request_waits_for_the_reply(fakes, servo, driver):
     line = fakes.line()  # replies only on demand
     rudder = driver(line)
     now_s = 0.0
@@ -64,40 +64,40 @@ def test_there_is_one_frame_per_reply(fakes, servo, driver):
 
 
 @pytest.mark.parametrize("shaft_rad", [math.nan, math.inf, -math.inf])
-def test_a_goal_that_is_not_finite_is_rejected(sail, servo, counts, shaft_rad):
-    sail.ticks(5, shaft_deg=10.0)
-    rejected = sail.health().rejected
-    sail.rudder.command(RudderCommand(shaft_rad, True), sail.now_s)
-    sail.ticks(1, shaft_deg=math.nan)
+def test_goal_that_is_not_finite_is_rejected(rig, servo, counts, shaft_rad):
+    rig.ticks(5, shaft_deg=10.0)
+    rejected = rig.health().rejected
+    rig.rudder.command(RudderCommand(shaft_rad, True), rig.now_s)
+    rig.ticks(1, shaft_deg=math.nan)
     assert servo.position == counts(10.0)
-    assert sail.health().rejected == rejected + 2
+    assert rig.health().rejected == rejected + 2
 
 
-def test_a_line_that_is_closed_and_opened_again(sail, servo, line, kind, counts):
-    sail.ticks(5)
+def test_servo_is_used_again_after_the_line_is_reopened(rig, servo, line, kind, counts):
+    rig.ticks(5)
     line.unplug()
-    assert sail.rudder.fileno() == -1
-    sail.ticks(3)
-    assert sail.health().state is DeviceState.ABSENT
+    assert rig.rudder.fileno() == -1
+    rig.ticks(3)
+    assert rig.health().state is DeviceState.ABSENT
     line.plug()
     servo.powered = False
-    sail.ticks(8)
-    assert sail.health().state is DeviceState.STARTING  # no reply since the line was opened
+    rig.ticks(8)
+    assert rig.health().state is DeviceState.STARTING  # no reply since the line was opened
     servo.powered = True
     if kind == "dynamixel":
         servo.restart()
-    sail.ticks(6, shaft_deg=10.0)
-    assert sail.health().state is DeviceState.RUNNING
+    rig.ticks(6, shaft_deg=10.0)
+    assert rig.health().state is DeviceState.RUNNING
     assert servo.position == counts(10.0)
 
 
-def test_echo_and_noise_are_skipped(sail, line, servo, kind, counts):
+def test_echo_and_noise_are_skipped(rig, line, servo, kind, counts):
     line.echo = True
     line.noise = NOISE[kind]
-    feedback = sail.ticks(10, shaft_deg=8.0)
+    feedback = rig.ticks(10, shaft_deg=8.0)
     assert len(feedback) >= 7
     assert servo.position == counts(8.0)
-    assert sail.health().state is DeviceState.RUNNING
+    assert rig.health().state is DeviceState.RUNNING
 
 
 @pytest.mark.parametrize(
@@ -109,6 +109,6 @@ def test_echo_and_noise_are_skipped(sail, line, servo, kind, counts):
         (VolzOptions, 31, "1 to 30"),
     ],
 )
-def test_an_invalid_id_is_rejected(options, device_id, allowed):
+def test_invalid_id_is_rejected(options, device_id, allowed):
     with pytest.raises(ValueError, match=rf"id: .* allowed: {allowed}"):
         options(id=device_id)

@@ -1,4 +1,4 @@
-"""The Dynamixel codec, with the maker's own SDK as oracle both ways."""
+"""Codec of the Dynamixel protocol, compared with the SDK of the manufacturer."""
 
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
@@ -18,14 +18,14 @@ PAYLOADS = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", HEADER, b"\x55\x
 
 
 class FakePort:
-    """The port that dynamixel_sdk drives."""
+    """A port for dynamixel_sdk: collects written bytes, and returns the reply."""
 
-    def __init__(self, answer=b""):
+    def __init__(self, reply=b""):
         self.is_using = False
-        self.answer = list(answer)
+        self.reply = list(reply)
         self.written = b""
 
-    def clearPort(self):  # noqa: N802 - the SDK's name
+    def clearPort(self):  # noqa: N802 - name of the SDK
         pass
 
     def writePort(self, packet):  # noqa: N802
@@ -33,21 +33,20 @@ class FakePort:
         return len(packet)
 
     def readPort(self, count):  # noqa: N802
-        taken, self.answer = self.answer[:count], self.answer[count:]
+        taken, self.reply = self.reply[:count], self.reply[count:]
         return taken
 
     def setPacketTimeout(self, count):  # noqa: N802
         pass
 
     def isPacketTimeout(self):  # noqa: N802
-        return not self.answer
+        return not self.reply
 
 
 def sdk_frame(device_id, instruction, parameters):
-    """A frame by the SDK's own stuffing and CRC.
+    """Return a frame by the stuffing and CRC of the SDK.
 
-    Its txPacket (4.1.0) drops the stuffing it has computed, because addStuffing rebinds
-    its argument; so the stuffed packet is taken from what addStuffing returns.
+    txPacket of the SDK (4.1.0) loses the stuffing, because addStuffing rebinds its argument and returns the result.
     """
     length = len(parameters) + 3
     packet = [*frames.HEADER, device_id, length & 0xFF, length >> 8, instruction, *parameters, 0, 0]
@@ -68,7 +67,7 @@ def test_sync_write_of_the_protocol_page():
 
 
 @given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
-def test_sync_writes_of_the_sdk(device_id, address, data):
+def test_sync_writes_are_those_of_the_sdk(device_id, address, data):
     body = address.to_bytes(2, "little") + len(data).to_bytes(2, "little") + bytes((device_id,)) + data
     assume(HEADER not in body)  # see sdk_frame
     port = FakePort()
@@ -77,7 +76,7 @@ def test_sync_writes_of_the_sdk(device_id, address, data):
 
 
 @given(IDS, st.integers(0, 65535), st.integers(0, 65535))
-def test_what_the_sdk_writes(device_id, address, length):
+def test_read_ping_and_reboot_are_those_of_the_sdk(device_id, address, length):
     port = FakePort()
     assume(HEADER not in bytes((address & 255, address >> 8, length & 255, length >> 8)))  # see sdk_frame
     assert SDK.readTx(port, device_id, address, length) == COMM_SUCCESS
@@ -91,7 +90,7 @@ def test_what_the_sdk_writes(device_id, address, length):
 
 
 @given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
-def test_writes_of_the_sdk(device_id, address, data):
+def test_writes_are_those_of_the_sdk(device_id, address, data):
     body = address.to_bytes(2, "little") + data
     assume(HEADER not in body)  # see sdk_frame
     port = FakePort()
@@ -103,12 +102,12 @@ def test_writes_of_the_sdk(device_id, address, data):
 @example(1, HEADER)
 @example(1, HEADER + HEADER + b"\xfd\xfd" + HEADER)
 @example(1, b"\xff\xff")
-def test_stuffing_is_the_sdks(device_id, data):
+def test_stuffing_is_that_of_the_sdk(device_id, data):
     assert frames.write(device_id, 0x74, data) == sdk_frame(device_id, 3, b"\x74\x00" + data)
 
 
 @given(IDS, st.integers(0, 255), PAYLOADS)
-def test_our_parser_takes_what_the_sdk_frames(device_id, error, data):
+def test_parser_decodes_status_packets_of_the_sdk(device_id, error, data):
     packet = sdk_frame(device_id, 0x55, bytes((error,)) + data)
     parser = frames.StatusParser()
     assert parser.feed(packet) == [frames.StatusPacket(device_id, error, data)]
@@ -116,9 +115,8 @@ def test_our_parser_takes_what_the_sdk_frames(device_id, error, data):
 
 
 @given(IDS, st.integers(0, 255), PAYLOADS)
-def test_the_sdk_takes_the_status_packets_of_our_tests(fakes, device_id, error, data):
-    # The SDK's removeStuffing reads bytes that it has already moved, so it is right for one
-    # stuffing only, and only when nothing behind it can be taken for another.
+def test_sdk_decodes_the_status_packets_of_these_tests(fakes, device_id, error, data):
+    # removeStuffing of the SDK reads bytes that it has already moved: it is correct for only one stuffing.
     assume(b"\xfd" not in (bytes((error,)) + data).partition(HEADER)[2])
     packet = fakes.status_frame(device_id, error, data)
     read, result, read_error = SDK.readRx(FakePort(packet), device_id, len(data))
@@ -126,19 +124,7 @@ def test_the_sdk_takes_the_status_packets_of_our_tests(fakes, device_id, error, 
     assert frames.StatusParser().feed(packet) == [frames.StatusPacket(device_id, error, data)]
 
 
-@given(IDS, PAYLOADS, st.binary(max_size=40), st.integers(1, 20))
-def test_a_stream_in_pieces_with_noise_between(fakes, device_id, data, noise, piece):
-    assume(frames.HEADER not in noise)
-    packet = fakes.status_frame(device_id, 0, data)
-    stream = noise + packet + noise + packet
-    parser = frames.StatusParser()
-    found = []
-    for start in range(0, len(stream), piece):
-        found += parser.feed(stream[start : start + piece])
-    assert found == [frames.StatusPacket(device_id, 0, data)] * 2
-
-
-def test_own_echo_is_passed_over(fakes):
+def test_echo_of_instructions_is_skipped(fakes):
     parser = frames.StatusParser()
     echo = frames.read(1, 126, 21) + frames.write(1, 116, b"\xff\xff\xfd\x00") + frames.ping(1)
     assert parser.feed(echo + fakes.status_frame(1, 0)) == [frames.StatusPacket(1, 0, b"")]
@@ -146,27 +132,27 @@ def test_own_echo_is_passed_over(fakes):
 
 
 @pytest.mark.parametrize("noise", [b"", b"\x00\xff\xff"])
-def test_a_cut_packet_does_not_swallow_the_next_and_is_counted_once_it_was_one(fakes, noise):
-    whole = fakes.status_frame(1, 0, bytes(30))
-    for cut in range(len(whole)):
+def test_truncated_packet_is_counted_and_the_next_one_decoded(fakes, noise):
+    packet = fakes.status_frame(1, 0, bytes(30))
+    for cut in range(len(packet)):
         parser = frames.StatusParser()
-        stream = noise + whole[:cut] + fakes.status_frame(1, 0, b"\x07")
+        stream = noise + packet[:cut] + fakes.status_frame(1, 0, b"\x07")
         assert parser.feed(stream) == [frames.StatusPacket(1, 0, b"\x07")], cut
-        assert parser.rejected == (cut > 7), cut  # with the byte that says that it is an answer
+        assert parser.rejected == (cut > 7), cut  # with the byte that says that it is an reply
         assert parser.pending == 0
 
 
-def test_a_spoiled_packet_is_counted_and_does_not_swallow_the_next(fakes):
-    whole = fakes.status_frame(1, 0, bytes(range(30)))
-    for place in range(8, len(whole)):
-        spoiled = bytearray(whole)
-        spoiled[place] ^= 0x40
+def test_damaged_packet_is_counted_and_the_next_one_decoded(fakes):
+    packet = fakes.status_frame(1, 0, bytes(range(30)))
+    for position in range(8, len(packet)):
+        damaged = bytearray(packet)
+        damaged[position] ^= 0x40
         parser = frames.StatusParser()
-        assert parser.feed(bytes(spoiled) + whole) == [frames.StatusPacket(1, 0, bytes(range(30)))], place
-        assert parser.rejected == 1, place
+        assert parser.feed(bytes(damaged) + packet) == [frames.StatusPacket(1, 0, bytes(range(30)))], position
+        assert parser.rejected == 1, position
 
 
-def test_a_crc_that_looks_like_the_end_of_a_header_cuts_no_packet(fakes):
+def test_crc_may_contain_the_start_of_a_header(fakes):
     data = bytes.fromhex("bfff00ffff")
     packet = fakes.status_frame(1, 0, data)
     assert packet.endswith(frames.HEADER)
@@ -174,7 +160,7 @@ def test_a_crc_that_looks_like_the_end_of_a_header_cuts_no_packet(fakes):
     assert parser.feed(packet) == [frames.StatusPacket(1, 0, data)]
 
 
-def test_a_damaged_length_does_not_stall_for_ever(fakes):
+def test_packet_with_a_damaged_length_is_skipped(fakes):
     damaged = bytearray(fakes.status_frame(1, 0, b"abc"))
     damaged[5:7] = (5000).to_bytes(2, "little")
     parser = frames.StatusParser()
@@ -184,7 +170,7 @@ def test_a_damaged_length_does_not_stall_for_ever(fakes):
 
 
 @pytest.mark.parametrize("size", [0, 30, 252, 300])
-def test_a_packet_of_the_largest_length_is_believed_and_none_longer(fakes, size):
+def test_longest_packet_is_decoded_and_a_longer_one_rejected(fakes, size):
     packet = fakes.status_frame(1, 0, bytes(size))
     assert frames.StatusParser(size + 4).feed(packet) == [frames.StatusPacket(1, 0, bytes(size))]
     parser = frames.StatusParser(size + 3)
@@ -192,14 +178,14 @@ def test_a_packet_of_the_largest_length_is_believed_and_none_longer(fakes, size)
     assert parser.rejected == 1
 
 
-def test_alert_and_code():
+def test_alert_and_code_of_the_error_byte():
     packet = frames.StatusPacket(1, 0x84, b"")
     assert packet.alert
     assert packet.code == 4
     assert not frames.StatusPacket(1, 4, b"").alert
 
 
-def test_clear_forgets_the_beginning(fakes):
+def test_clear_discards_an_incomplete_packet(fakes):
     packet = fakes.status_frame(1, 0, b"abc")
     parser = frames.StatusParser()
     parser.feed(packet[:9])

@@ -1,4 +1,4 @@
-"""One question at a time, silence, and the pace of the commands."""
+"""Half-duplex bus: expired requests, late replies, silence, and the window for readings."""
 
 import pytest
 
@@ -15,62 +15,62 @@ def bus(line):
     return HalfDuplex(line, 0.02)
 
 
-def test_a_request_expires_once(bus):
-    assert bus.ask(b"?", "question", 1.0)
-    assert bus.take_expired(1.019) is None
-    assert bus.outstanding == "question"
-    assert bus.take_expired(1.021) == "question"
-    assert bus.outstanding is None
-    assert bus.take_expired(2.0) is None
+def test_request_expires_once(bus):
+    assert bus.send(b"?", "request", 1.0)
+    assert bus.give_up_expired(1.019) is None
+    assert bus.pending_request == "request"
+    assert bus.give_up_expired(1.021) == "request"
+    assert bus.pending_request is None
+    assert bus.give_up_expired(2.0) is None
 
 
-def test_a_line_that_does_not_take_the_frame_leaves_nothing_outstanding(bus, line):
+def test_blocked_line_leaves_no_pending_request(bus, line):
     line.full = True
-    assert not bus.ask(b"?", "question", 1.0)
-    assert bus.outstanding is None
+    assert not bus.send(b"?", "request", 1.0)
+    assert bus.pending_request is None
 
 
-def test_silence_needs_half_a_second_and_three_requests(bus):
-    for now_s in (0.0, 1.0):  # a slow loop: two lost replies are no silence
-        bus.ask(b"?", "question", now_s)
-        bus.take_expired(now_s + 0.5)
+def test_silence_needs_half_a_second_and_three_lost_replies(bus):
+    for now_s in (0.0, 1.0):  # a slow loop
+        bus.send(b"?", "request", now_s)
+        bus.give_up_expired(now_s + 0.5)
         assert not bus.is_silent(now_s + 0.5)
-    bus.ask(b"?", "question", 2.0)
-    bus.take_expired(2.5)
+    bus.send(b"?", "request", 2.0)
+    bus.give_up_expired(2.5)
     assert bus.is_silent(2.5)
-    bus.finish()
+    bus.end_exchange()
     assert not bus.is_silent(9.0)
 
 
 @pytest.mark.parametrize("late", [False, True])
 def test_after_a_reply_the_silence_timeout_starts_again(bus, late):
-    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+    send_without_replies(bus, "a1", "b1", "c1", "d1")
     if late:
-        bus.match_reply(starts_with("c"))  # d1 may still come
+        bus.match_reply(starts_with("c"))  # the reply to d1 may still arrive
     else:
-        bus.finish()
-        bus.ask(b"?", "question", 3.0)
-    bus.take_expired(3.1)
-    assert not bus.is_silent(3.6)  # long enough, and one lost reply
+        bus.end_exchange()
+        bus.send(b"?", "request", 3.0)
+    bus.give_up_expired(3.1)
+    assert not bus.is_silent(3.6)  # one lost reply
     for now_s in (3.1, 3.2):
-        bus.ask(b"?", "question", now_s)
-        bus.take_expired(now_s + 0.05)
-    assert not bus.is_silent(3.499)  # enough of them, and not long enough
+        bus.send(b"?", "request", now_s)
+        bus.give_up_expired(now_s + 0.05)
+    assert not bus.is_silent(3.499)
     assert bus.is_silent(3.501)
 
 
-def test_without_a_request_nothing_expires(bus):
+def test_nothing_expires_without_a_request(bus):
     for tick in range(100):
-        assert bus.take_expired(float(tick)) is None
-    bus.ask(b"?", "question", 100.0)
-    bus.take_expired(101.0)
+        assert bus.give_up_expired(float(tick)) is None
+    bus.send(b"?", "request", 100.0)
+    bus.give_up_expired(101.0)
     assert not bus.is_silent(101.0)
 
 
-def test_many_requests_in_a_short_time_are_no_silence(bus):
+def test_many_lost_replies_in_a_short_time_are_no_silence(bus):
     for tick in range(10):
-        bus.ask(b"?", "question", 0.04 * tick)
-        bus.take_expired(0.04 * tick + 0.03)
+        bus.send(b"?", "request", 0.04 * tick)
+        bus.give_up_expired(0.04 * tick + 0.03)
     assert not bus.is_silent(0.4)
     assert bus.is_silent(0.5)
 
@@ -79,81 +79,81 @@ def starts_with(letter):
     return lambda request: request.startswith(letter)
 
 
-def ask_in_vain(bus, *requests):
-    """Ask each at its number of seconds, so that all but the last are given up."""
+def send_without_replies(bus, *requests):
+    """Send the requests at 0, 1, 2, ... s; all but the last are given up."""
     for number, request in enumerate(requests):
-        bus.take_expired(float(number))
-        assert bus.ask(b"?", request, float(number))
+        bus.give_up_expired(float(number))
+        assert bus.send(b"?", request, float(number))
 
 
-def test_a_reply_that_fits_nothing_answers_nothing(bus):
+def test_reply_without_a_matching_request_is_none(bus):
     assert bus.match_reply(starts_with("a")) is None
-    ask_in_vain(bus, "b1", "b2")
+    send_without_replies(bus, "b1", "b2")
     assert bus.match_reply(starts_with("a")) is None
-    assert bus.outstanding == "b2"
+    assert bus.pending_request == "b2"
 
 
-def test_a_late_reply_is_that_of_its_own_question_and_ends_the_wait_for_older_ones(bus):
-    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+def test_late_reply_is_assigned_to_its_request_and_discards_older_ones(bus):
+    send_without_replies(bus, "a1", "b1", "c1", "d1")
     assert bus.match_reply(starts_with("b")) == ("b1", 1.0, True, None)
-    assert bus.outstanding == "d1"
+    assert bus.pending_request == "d1"
     assert bus.match_reply(starts_with("a")) is None  # replies keep their order
     assert bus.match_reply(starts_with("d")) == ("d1", 3.0, True, None)
-    assert bus.outstanding is None
+    assert bus.pending_request is None
     assert bus.match_reply(starts_with("c")) is None
 
 
-def test_of_several_that_it_fits_a_reply_is_that_of_the_oldest_and_not_sure(bus):
-    ask_in_vain(bus, "a1", "a2")
+def test_reply_with_several_matching_requests_is_assigned_to_the_oldest_as_uncertain(bus):
+    send_without_replies(bus, "a1", "a2")
     assert bus.match_reply(starts_with("a")) == ("a1", 0.0, False, "a2")
-    assert bus.outstanding is None  # it may have been the answer to a2
-    assert bus.match_reply(starts_with("a")) == ("a2", 1.0, True, None)  # or that one is
-    ask_in_vain(bus, "a3", "a4", "b1")
+    assert bus.pending_request is None  # it may have been the reply to a2
+    assert bus.match_reply(starts_with("a")) == ("a2", 1.0, True, None)
+    send_without_replies(bus, "a3", "a4", "b1")
     assert bus.match_reply(starts_with("a")) == ("a3", 0.0, False, None)
-    assert bus.outstanding == "b1"
+    assert bus.pending_request == "b1"
 
 
-def test_a_reply_that_is_later_than_any_adapter_holds_it_answers_nothing(bus):
-    ask_in_vain(bus, "a1", "b1", "c1", "d1", "e1")
+def test_reply_after_the_maximum_delay_is_none(bus):
+    send_without_replies(bus, "a1", "b1", "c1", "d1", "e1")
     assert bus.match_reply(starts_with("a")) is None
+    assert bus.match_reply(starts_with("b")) is None
     assert bus.match_reply(starts_with("c")) == ("c1", 2.0, True, None)
 
 
-def test_a_late_reply_is_a_sign_of_life(bus):
-    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+def test_late_reply_ends_silence(bus):
+    send_without_replies(bus, "a1", "b1", "c1", "d1")
     assert bus.is_silent(3.0)
     bus.match_reply(starts_with("c"))
     assert not bus.is_silent(9.0)
 
 
-def test_reopening_forgets_what_waited(bus, line):
-    ask_in_vain(bus, "early", "question")
+def test_reopening_discards_all_requests(bus, line):
+    send_without_replies(bus, "early", "request")
     assert not bus.notice_reopening()
     line.unplug()
     line.plug()
     assert bus.notice_reopening()
-    assert bus.outstanding is None
+    assert bus.pending_request is None
     assert bus.match_reply(starts_with("early")) is None
     assert not bus.notice_reopening()
 
 
-def test_pace():
-    pace = ReadingWindow()
-    assert not pace.is_early(0.0)  # no command, no moment for a reading but the overdue one
-    assert pace.is_overdue(0.25)
-    pace.note_command(10.0)
-    assert pace.is_early(10.4)
-    pace.note_command(10.1)
-    assert pace.is_early(10.14)
-    assert not pace.is_early(10.16)
-    assert not pace.is_overdue(0.2)
-    assert pace.is_overdue(0.3)
-    pace.note_command(11.1)
-    assert not pace.is_overdue(2.0)
+def test_window_for_readings():
+    window = ReadingWindow()
+    assert not window.is_early(0.0)  # without a command
+    assert window.is_overdue(0.25)
+    window.note_command(10.0)
+    assert window.is_early(10.4)
+    window.note_command(10.1)
+    assert window.is_early(10.14)
+    assert not window.is_early(10.16)
+    assert not window.is_overdue(0.2)
+    assert window.is_overdue(0.3)
+    window.note_command(11.1)
+    assert not window.is_overdue(2.0)
 
 
-def test_a_slow_line_is_waited_for_as_long_as_its_bytes_take():
-    """At 9600 baud a Dynamixel's telemetry takes longer than any exchange at 57600."""
+def test_reply_timeout_depends_on_the_baud_rate():
     assert reply_timeout_s(57600, 110) == pytest.approx(0.0351, abs=1e-4)
     assert reply_timeout_s(9600, 110) > 0.016 + 70 * 10 / 9600
     assert reply_timeout_s(300, 110) == MAX_REPLY_TIMEOUT_S

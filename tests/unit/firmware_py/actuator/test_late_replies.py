@@ -1,4 +1,4 @@
-"""An adapter that holds answers back, loses, cuts or spoils them: none is ever judged by another question."""
+"""Adapters that delay, lose, split or damage replies: each reply is assigned to its own request."""
 
 import itertools
 import math
@@ -18,10 +18,10 @@ CONFIGURED_TICKS = 30
 STEP_S = 0.005
 
 
-class LateSail:
-    """Ticks a driver as the loop does: between the ticks it is woken by bytes, and only while it needs_prompt_io.
+class LateRig:
+    """Runs a driver as the loop does: between ticks it receives only while it needs prompt I/O.
 
-    Each tick commands another angle; `angles` keeps it by the time at which it was sent.
+    Each tick commands another angle.
     """
 
     def __init__(self, rudder, line, *, period_s=0.1):
@@ -31,7 +31,7 @@ class LateSail:
         self.states = []
 
     def tick(self, shaft_rad=None):
-        """Return the feedback of a tick; without an angle the next one of a saw."""
+        """Return the feedback of a tick; without an angle it commands the next one of a sawtooth."""
         self.number += 1
         angle_rad = (self.number % 500) * 2 * COUNT_RAD if shaft_rad is None else shaft_rad
         self.line.now_s = self.now_s
@@ -50,24 +50,26 @@ class LateSail:
         return [sample for _ in range(count) for sample in self.tick(shaft_rad)]
 
 
-class Noted:
-    """A servo that remembers where its shaft was at each question."""
+class RecordingServo:
+    """A servo that records its position at each request."""
 
     def __init__(self, servo):
         self.servo = servo
         self.line = None
-        self.positions_at = {}  # of a time
-        self.asked_s = {}  # of a position, the last time
+        self.positions_by_time = {}  # positions by time of request
+        self.last_request_s = {}  # time of the last request by position
 
     def handle(self, data):
-        answer = self.servo.handle(data)
-        self.positions_at.setdefault(self.line.now_s, set()).add(self.servo.position)
-        self.asked_s[self.servo.position] = self.line.now_s
-        return answer
+        take_reply = self.servo.handle(data)
+        self.positions_by_time.setdefault(self.line.now_s, set()).add(self.servo.position)
+        self.last_request_s[self.servo.position] = self.line.now_s
+        return take_reply
 
-    def is_reported_truly(self, feedback):
-        """Say whether all feedback says where the shaft was at its time."""
-        return all(round(sample.shaft_rad / COUNT_RAD) + 2048 in self.positions_at[sample.t_s] for sample in feedback)
+    def has_true_positions(self, feedback):
+        """Return whether each feedback has a position that the shaft had at its time."""
+        return all(
+            round(sample.shaft_rad / COUNT_RAD) + 2048 in self.positions_by_time[sample.t_s] for sample in feedback
+        )
 
 
 @pytest.fixture
@@ -75,82 +77,80 @@ def servo(fakes):
     return fakes.dynamixel()
 
 
-def late_sail(fakes, servo, delay_s, rudder_of=None, **sail):
-    noted = Noted(servo)
-    line = noted.line = fakes.late_line(noted, delay_s, **({"baud": sail.pop("baud")} if "baud" in sail else {}))
+def late_rig(fakes, servo, delay_s, rudder_of=None, **rig):
+    recorder = RecordingServo(servo)
+    line = recorder.line = fakes.late_line(recorder, delay_s, **({"baud": rig.pop("baud")} if "baud" in rig else {}))
     rudder = (rudder_of or (lambda line: dynamixel_rudder(line, DynamixelOptions())))(line)
-    return LateSail(rudder, line, **sail), noted
+    return LateRig(rudder, line, **rig), recorder
 
 
-@pytest.mark.parametrize("late_s", [0.02, 0.06, 0.12, 0.24, 0.33])
-def test_an_adapter_that_holds_each_answer_back_is_no_fault(fakes, servo, late_s):
-    sail, noted = late_sail(fakes, servo, lambda: late_s)
-    sail.ticks(CONFIGURED_TICKS)
-    sail.states.clear()
+@pytest.mark.parametrize("reply_delay_s", [0.02, 0.06, 0.12, 0.24, 0.33])
+def test_constant_reply_delay_is_no_fault(fakes, servo, reply_delay_s):
+    rig, recorder = late_rig(fakes, servo, lambda: reply_delay_s)
+    rig.ticks(CONFIGURED_TICKS)
+    rig.states.clear()
     servo.reads.clear()
     servo.ram_writes.clear()
-    feedback = sail.ticks(200)
-    assert set(sail.states) == {DeviceState.RUNNING}
+    feedback = rig.ticks(200)
+    assert set(rig.states) == {DeviceState.RUNNING}
     assert len(feedback) >= 120
-    assert noted.is_reported_truly(feedback)
-    assert servo.reads.count(48) == 0  # the limits are not read again, because no goal was rejected
+    assert recorder.has_true_positions(feedback)
+    assert servo.reads.count(48) == 0  # the limits are read only after a rejected goal
     assert {address for address, _ in servo.ram_writes} == {116}
     assert len(servo.ram_writes) >= 120
-    assert 64 in servo.reads  # and what goes wrong in the servo is still looked for
+    assert 64 in servo.reads  # the state is still read
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(("baud", "period_s"), [(57600, 0.1), (57600, 0.04), (1_000_000, 0.02)])
-def test_an_answer_that_is_late_or_lost_now_and_then_changes_nothing(fakes, servo, seed, baud, period_s):
-    chance = random.Random(seed)
-    sail, noted = late_sail(
-        fakes, servo, lambda: chance.choice([0.016] * 8 + [0.12, None]), baud=baud, period_s=period_s
-    )
-    sail.ticks(CONFIGURED_TICKS)
-    sail.states.clear()
+def test_some_late_and_lost_replies_are_no_fault(fakes, servo, seed, baud, period_s):
+    rng = random.Random(seed)
+    rig, recorder = late_rig(fakes, servo, lambda: rng.choice([0.016] * 8 + [0.12, None]), baud=baud, period_s=period_s)
+    rig.ticks(CONFIGURED_TICKS)
+    rig.states.clear()
     servo.reads.clear()
-    feedback = sail.ticks(300)
-    assert set(sail.states) == {DeviceState.RUNNING}
+    feedback = rig.ticks(300)
+    assert set(rig.states) == {DeviceState.RUNNING}
     assert len(feedback) > 150
-    assert noted.is_reported_truly(feedback)
+    assert recorder.has_true_positions(feedback)
     assert servo.reads.count(48) == 0
 
 
-def test_a_rejected_goal_is_also_detected_by_late_replies(fakes, servo):
-    sail, _ = late_sail(fakes, servo, lambda: 0.12)
-    sail.ticks(CONFIGURED_TICKS)
-    servo.refuse[116] = 7
-    sail.ticks(20)
-    assert sail.rudder.health(sail.now_s).text == "servo rejects goal position"
-    servo.refuse.clear()
-    sail.ticks(10)
-    assert sail.rudder.health(sail.now_s).state is DeviceState.RUNNING
+def test_rejected_goal_is_detected_by_late_replies(fakes, servo):
+    rig, _ = late_rig(fakes, servo, lambda: 0.12)
+    rig.ticks(CONFIGURED_TICKS)
+    servo.write_errors[116] = 7
+    rig.ticks(20)
+    assert rig.rudder.health(rig.now_s).text == "servo rejects goal position"
+    servo.write_errors.clear()
+    rig.ticks(10)
+    assert rig.rudder.health(rig.now_s).state is DeviceState.RUNNING
 
 
-def test_what_goes_wrong_is_found_behind_an_adapter_that_is_always_late(fakes, servo):
-    sail, _ = late_sail(fakes, servo, lambda: 0.12)
-    sail.ticks(CONFIGURED_TICKS)
+def test_restart_and_watchdog_trip_are_detected_by_late_replies(fakes, servo):
+    rig, _ = late_rig(fakes, servo, lambda: 0.12)
+    rig.ticks(CONFIGURED_TICKS)
     servo.restart()
-    sail.ticks(30)
+    rig.ticks(30)
     assert (servo.registers[64], servo.registers[98]) == (1, 100)
     servo.trip_watchdog()
-    sail.ticks(30)
+    rig.ticks(30)
     assert servo.registers[98] == 100
-    sail.ticks(30)
-    feedback = sail.ticks(1)
+    rig.ticks(30)
+    feedback = rig.ticks(1)
     assert feedback[-1].restarts == 1
 
 
-def test_an_answer_in_time_brings_the_short_question_back(fakes, servo):
+def test_shortest_read_is_used_again_after_a_reply_in_time(fakes, servo):
     delay_s = [0.002]
-    sail, _ = late_sail(fakes, servo, lambda: delay_s[0])
-    sail.ticks(CONFIGURED_TICKS)
+    rig, _ = late_rig(fakes, servo, lambda: delay_s[0])
+    rig.ticks(CONFIGURED_TICKS)
     longer = {look.address for look in GOAL_READS[1:]}
-    for held_back_s, addresses in ((0.002, set()), (0.12, longer), (0.002, set())):
-        delay_s[0] = held_back_s
-        sail.ticks(4)
+    for reply_delay_s, addresses in ((0.002, set()), (0.12, longer), (0.002, set())):
+        delay_s[0] = reply_delay_s
+        rig.ticks(4)
         servo.reads.clear()
-        sail.ticks(60)
+        rig.ticks(60)
         assert {address for address in servo.reads if 99 < address < 116} == addresses
 
 
@@ -158,100 +158,97 @@ DELAYS = st.lists(st.sampled_from([0.0, 0.016, 0.05, 0.12, 0.21, 0.4, None]), mi
 
 
 @given(DELAYS, st.sampled_from([0.1, 0.04, 0.02, 0.5]), st.sampled_from([57600, 1_000_000]))
-def test_however_late_no_answer_is_said_to_be_newer_than_it_is_and_no_goal_is_said_to_be_refused(
-    fakes, delays, period_s, baud
-):
+def test_feedback_after_any_delays_is_not_newer_than_stated(fakes, delays, period_s, baud):
     servo = fakes.dynamixel()
     schedule = itertools.cycle([0.0] * 40)
-    sail, noted = late_sail(fakes, servo, lambda: next(schedule), period_s=period_s, baud=baud)
-    sail.ticks(CONFIGURED_TICKS)
-    sail.states.clear()
-    sail.line.delay_s = iter([*delays, *[0.0] * 10_000]).__next__
+    rig, recorder = late_rig(fakes, servo, lambda: next(schedule), period_s=period_s, baud=baud)
+    rig.ticks(CONFIGURED_TICKS)
+    rig.states.clear()
+    rig.line.delay_s = iter([*delays, *[0.0] * 10_000]).__next__
     for _ in range(len(delays) + 5):
-        for sample in sail.tick():
-            assert sample.t_s <= noted.asked_s[round(sample.shaft_rad / COUNT_RAD) + 2048]
-    assert DeviceState.FAULTY not in sail.states
-    quiet = sail.ticks(round(3.0 / period_s) + 5)
-    assert noted.is_reported_truly(quiet[-3:])
-    assert quiet[-1].t_s >= sail.now_s - 2.0 * period_s - 1e-6
-    assert sail.states[-1] is DeviceState.RUNNING
+        for sample in rig.tick():
+            assert sample.t_s <= recorder.last_request_s[round(sample.shaft_rad / COUNT_RAD) + 2048]
+    assert DeviceState.FAULTY not in rig.states
+    last_feedback = rig.ticks(round(3.0 / period_s) + 5)
+    assert recorder.has_true_positions(last_feedback[-3:])
+    assert last_feedback[-1].t_s >= rig.now_s - 2.0 * period_s - 1e-6
+    assert rig.states[-1] is DeviceState.RUNNING
     assert servo.goal == servo.position
 
 
-def test_a_volz_behind_such_an_adapter_is_said_to_be_where_it_was_at_the_time(fakes):
+def test_feedback_of_a_volz_with_late_replies_has_the_time_of_the_request(fakes):
     servo = fakes.volz()
-    sail, noted = late_sail(fakes, servo, lambda: 0.12, lambda line: volz_rudder(line, VolzOptions()), baud=115_200)
-    sail.ticks(10)
-    before = len(sail.line.request_times_s)
-    feedback = [sample for _ in range(100) for sample in sail.tick()]
+    rig, recorder = late_rig(fakes, servo, lambda: 0.12, lambda line: volz_rudder(line, VolzOptions()), baud=115_200)
+    rig.ticks(10)
+    before = len(rig.line.request_times_s)
+    feedback = [sample for _ in range(100) for sample in rig.tick()]
     radians_per_count = math.radians(100.0) / 0x0780
     assert len(feedback) >= 40
     for sample in feedback:
-        assert round(sample.shaft_rad / radians_per_count) + 0x0800 in noted.positions_at[sample.t_s]
-    assert len(sail.line.request_times_s) > before
-    assert set(sail.states[10:]) == {DeviceState.RUNNING}
+        assert round(sample.shaft_rad / radians_per_count) + 0x0800 in recorder.positions_by_time[sample.t_s]
+    assert len(rig.line.request_times_s) > before
+    assert set(rig.states[10:]) == {DeviceState.RUNNING}
 
 
-class TestSpoiled:
-    """What cheap adapters do to the bytes, while the goal changes each tick."""
+class TestDamagedReplies:
+    """Damage by cheap adapters while the goal changes each tick."""
 
     @pytest.fixture
-    def sail(self, fakes, servo):
-        noted = Noted(servo)
-        line = noted.line = fakes.line(noted)
+    def rig(self, fakes, servo):
+        recorder = RecordingServo(servo)
+        line = recorder.line = fakes.line(recorder)
         line.now_s = 0.0
-        sail = LateSail(dynamixel_rudder(line, DynamixelOptions()), line)
-        sail.ticks(CONFIGURED_TICKS)
+        rig = LateRig(dynamixel_rudder(line, DynamixelOptions()), line)
+        rig.ticks(CONFIGURED_TICKS)
         servo.reads.clear()
-        sail.states.clear()
-        sail.noted = noted
-        return sail
+        rig.states.clear()
+        rig.recorder = recorder
+        return rig
 
-    def answer(self, sail):
-        """Take away what lies on the line after a tick in which nothing but the goal is asked for."""
+    def take_reply(self, rig):
+        """Remove and return the reply to the goal after a tick without other requests."""
         while True:
-            sail.tick()
-            if sail.line.inbox:
-                whole = bytes(sail.line.inbox)
-                sail.line.inbox.clear()
-                return whole
+            rig.tick()
+            if rig.line.inbox:
+                reply = bytes(rig.line.inbox)
+                rig.line.inbox.clear()
+                return reply
 
-    def steers_on(self, sail, servo, ticks=20):
-        feedback = sail.ticks(ticks)
-        assert sail.noted.is_reported_truly(feedback)
+    def assert_unaffected(self, rig, servo, ticks=20):
+        feedback = rig.ticks(ticks)
+        assert rig.recorder.has_true_positions(feedback)
         assert len(feedback) >= ticks - 2
-        assert set(sail.states) == {DeviceState.RUNNING}
+        assert set(rig.states) == {DeviceState.RUNNING}
         assert servo.reads.count(48) == 0
-        return True
 
-    def test_an_answer_cut_in_two_over_two_ticks(self, sail, servo):
+    def test_reply_divided_between_two_ticks(self, rig, servo):
         for cut in range(1, 42, 5):
-            whole = self.answer(sail)
-            sail.line.inbox += whole[:cut]
-            sail.tick()
-            rest, sail.line.inbox = bytes(sail.line.inbox), bytearray()
-            sail.line.inbox += whole[cut:] + rest
-            assert self.steers_on(sail, servo)
+            reply = self.take_reply(rig)
+            rig.line.inbox += reply[:cut]
+            rig.tick()
+            rest, rig.line.inbox = bytes(rig.line.inbox), bytearray()
+            rig.line.inbox += reply[cut:] + rest
+            self.assert_unaffected(rig, servo)
 
-    def test_an_answer_with_a_byte_missing(self, sail, servo):
+    def test_reply_without_one_byte(self, rig, servo):
         for missing in range(42):
-            whole = self.answer(sail)
-            sail.line.inbox += whole[:missing] + whole[missing + 1 :]
-            assert self.steers_on(sail, servo, 3)
+            reply = self.take_reply(rig)
+            rig.line.inbox += reply[:missing] + reply[missing + 1 :]
+            self.assert_unaffected(rig, servo, 3)
 
-    def test_an_echo_with_a_byte_missing_before_the_answer(self, sail, servo):
-        sail.line.echo = True
-        whole = self.answer(sail)
-        echo = sail.line.written[-1]
-        assert whole.startswith(echo)
+    def test_echo_without_one_byte_before_the_reply(self, rig, servo):
+        rig.line.echo = True
+        reply = self.take_reply(rig)
+        echo = rig.line.written[-1]
+        assert reply.startswith(echo)
         for missing in range(len(echo)):
-            whole = self.answer(sail)
-            sail.line.inbox += whole[:missing] + whole[missing + 1 :]
-            assert self.steers_on(sail, servo, 3)
+            reply = self.take_reply(rig)
+            rig.line.inbox += reply[:missing] + reply[missing + 1 :]
+            self.assert_unaffected(rig, servo, 3)
 
     @pytest.mark.parametrize("garbage", [b"\0", b"\xff\xff\xfd", b"\xff\xff\xfd\x00\x01\x23\x00\x55", bytes(200)])
-    def test_garbage_before_between_and_behind(self, sail, servo, garbage):
-        for before, behind in ((garbage, b""), (b"", garbage), (garbage, garbage)):
-            whole = self.answer(sail)
-            sail.line.inbox += before + whole + behind
-            assert self.steers_on(sail, servo, 5)
+    def test_garbage_around_the_reply(self, rig, servo, garbage):
+        for before, after in ((garbage, b""), (b"", garbage), (garbage, garbage)):
+            reply = self.take_reply(rig)
+            rig.line.inbox += before + reply + after
+            self.assert_unaffected(rig, servo, 5)

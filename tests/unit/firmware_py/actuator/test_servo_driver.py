@@ -1,4 +1,4 @@
-"""The skeleton of the servo drivers, around a servo that answers with what it was asked."""
+"""Common part of the servo drivers, with a servo that repeats the request as its reply."""
 
 import math
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand, R
 
 
 @dataclass(frozen=True)
-class Question:
+class Request:
     frame: bytes
 
 
-class WholeReads:
-    """Takes each read for one reply."""
+class ChunkParser:
+    """Returns each chunk of bytes as one reply."""
 
     rejected = 0
 
@@ -29,15 +29,15 @@ class WholeReads:
         return [data] if data else []
 
 
-class PlainServo:
-    """Sends the angle of each command once; a reply is right when it repeats the question."""
+class EchoServo:
+    """Sends the angle of each command once; a reply is valid if it repeats the request."""
 
     device_id = 7
 
     def __init__(self):
-        self.parser = WholeReads()
+        self.parser = ChunkParser()
         self.due = None
-        self.commands, self.sent, self.lost, self.answered = [], [], [], []
+        self.commands, self.sent, self.lost, self.processed = [], [], [], []
         self.restarts = self.silences = 0
 
     def restart(self):
@@ -45,7 +45,7 @@ class PlainServo:
 
     def command(self, shaft_rad, now_s, *, torque_on):
         self.commands.append((shaft_rad, now_s, torque_on))
-        self.due = Question(repr(shaft_rad).encode())
+        self.due = Request(repr(shaft_rad).encode())
 
     def next_request(self, now_s):
         return self.due
@@ -63,22 +63,22 @@ class PlainServo:
     def needs_prompt_io(self):
         return self.due is not None
 
-    def answers(self, reply, request):
+    def matches(self, reply, request):
         return reply == request.frame
 
     def process_reply(self, request, reply, now_s, *, is_certain):
-        self.answered.append((request.frame, is_certain))
+        self.processed.append((request.frame, is_certain))
         if reply == b"None":
             return ReplyResult(is_accepted=False)
         return ReplyResult(invalid_values=1, feedback=RudderFeedback(now_s, float(reply), None, None, None))
 
-    def condition(self, *, answered):
-        return (DeviceState.RUNNING if answered else DeviceState.STARTING), "well"
+    def condition(self, *, has_replied):
+        return (DeviceState.RUNNING if has_replied else DeviceState.STARTING), "well"
 
 
 @pytest.fixture
 def servo():
-    return PlainServo()
+    return EchoServo()
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def driver(line, servo):
 
 
 @pytest.mark.parametrize("reply_timeout_s", [0.0, 2.0, math.nan])
-def test_a_wait_for_replies_that_cannot_be_is_refused(line, servo, reply_timeout_s):
+def test_invalid_reply_timeout_is_rejected(line, servo, reply_timeout_s):
     with pytest.raises(ValueError, match="allowed"):
         ServoDriver(line, servo, reply_timeout_s=reply_timeout_s)
 
@@ -102,7 +102,7 @@ def reply(line, driver, data, now_s):
     driver.receive(now_s)
 
 
-def test_a_command_goes_out_at_once_and_its_answer_becomes_feedback(line, driver, servo):
+def test_command_is_sent_at_once_and_its_reply_becomes_feedback(line, driver, servo):
     driver.command(RudderCommand(0.5, torque_on=True), 1.0)
     assert line.written == [b"0.5"]
     assert driver.health(1.0).state is DeviceState.STARTING
@@ -111,39 +111,39 @@ def test_a_command_goes_out_at_once_and_its_answer_becomes_feedback(line, driver
     assert driver.poll() == ()
     health = driver.health(1.02)
     assert (health.role, health.state, health.text) == (DeviceRole.RUDDER, DeviceState.RUNNING, "well")
-    assert (health.accepted, health.rejected) == (1, 1)  # an answer, and one value in it that cannot be
+    assert (health.accepted, health.rejected) == (1, 1)  # one reply, and one invalid value in it
 
 
-def test_one_question_at_a_time_and_the_next_when_the_reply_is_given_up(line, driver, servo):
+def test_next_request_is_sent_after_the_reply_timeout(line, driver, servo):
     driver.command(RudderCommand(0.1, torque_on=True), 1.0)
     driver.command(RudderCommand(0.2, torque_on=True), 1.01)
     assert line.written == [b"0.1"]
     driver.receive(1.02)
     assert line.written == [b"0.1", b"0.2"]
     assert servo.lost == [b"0.1"]
-    reply(line, driver, b"0.1", 1.03)  # late: it still says how things were when it was asked for
+    reply(line, driver, b"0.1", 1.03)  # late; its values are from the time of the request
     assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.0, 0.1)]
     reply(line, driver, b"0.2", 1.03)
     assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.02, 0.2)]
-    reply(line, driver, b"0.1", 1.03)  # once more: it answers nothing now
+    reply(line, driver, b"0.1", 1.03)  # no request is left
     assert driver.poll() == ()
-    assert driver.health(1.03).rejected == 2 + 1  # a value in each answer that cannot be
+    assert driver.health(1.03).rejected == 2 + 1  # an invalid value in each reply
 
 
-def test_a_reply_that_may_be_a_later_one_is_taken_for_the_older_and_the_bus_is_free(line, driver, servo):
+def test_ambiguous_reply_is_assigned_to_the_older_request_and_frees_the_bus(line, driver, servo):
     for now_s in (1.0, 1.1):
         driver.command(RudderCommand(0.1, torque_on=True), now_s)
     driver.command(RudderCommand(0.2, torque_on=True), 1.11)
     reply(line, driver, b"0.1", 1.112)
     assert [sample.t_s for sample in driver.poll()] == [1.0]
-    assert servo.answered == [(b"0.1", False)]
-    assert servo.lost == [b"0.1", b"0.1"]  # that of the second has come, or has not
+    assert servo.processed == [(b"0.1", False)]
+    assert servo.lost == [b"0.1", b"0.1"]  # it is unknown whether the second reply has arrived
     assert line.written[-1] == b"0.2"
 
 
-def test_a_reply_is_waited_for_only_when_something_waits_for_the_bus(line, driver, servo):
-    servo.due = Question(b"later")
-    assert not driver.needs_prompt_io()  # nothing is awaited
+def test_prompt_io_is_needed_only_while_another_request_is_due(line, driver, servo):
+    servo.due = Request(b"later")
+    assert not driver.needs_prompt_io()
     servo.due = None
     driver.command(RudderCommand(0.1, torque_on=True), 1.0)
     assert not driver.needs_prompt_io()
@@ -154,21 +154,21 @@ def test_a_reply_is_waited_for_only_when_something_waits_for_the_bus(line, drive
     assert not driver.needs_prompt_io()
 
 
-def test_a_goal_that_is_not_finite_is_refused_and_the_last_one_kept(line, driver, servo):
+def test_goal_that_is_not_finite_is_rejected_and_the_last_one_kept(line, driver, servo):
     for number, shaft_rad in enumerate((math.nan, 0.3, math.inf)):
         driver.command(RudderCommand(shaft_rad, torque_on=True), float(number))
     assert [shaft_rad for shaft_rad, _, _ in servo.commands] == [None, 0.3, 0.3]
     assert driver.health(2.0).rejected == 2
 
 
-def test_a_refusal_is_counted_and_is_an_answer(line, driver, servo):
+def test_rejection_by_the_servo_is_counted_and_shows_that_it_replies(line, driver, servo):
     driver.command(RudderCommand(math.nan, torque_on=True), 0.0)
     reply(line, driver, b"None", 0.01)
     health = driver.health(0.01)
     assert (health.state, health.accepted, health.rejected) == (DeviceState.RUNNING, 0, 2)
 
 
-def test_silence_is_passed_to_the_servo_and_to_the_health(line, driver, servo):
+def test_silence_is_reported_to_the_servo_and_in_the_health(line, driver, servo):
     for tick in range(8):
         driver.command(RudderCommand(0.1, torque_on=True), 0.1 * tick)
     assert servo.silences > 0
@@ -181,7 +181,7 @@ def test_silence_is_passed_to_the_servo_and_to_the_health(line, driver, servo):
     assert driver.health(1.8).state is DeviceState.SILENT
 
 
-def test_a_closed_line_gets_no_data_and_a_reopened_one_starts_again(line, driver, servo):
+def test_reopened_line_restarts_the_servo(line, driver, servo):
     driver.command(RudderCommand(0.1, torque_on=True), 0.0)
     reply(line, driver, b"0.1", 0.01)
     line.unplug()
@@ -195,7 +195,7 @@ def test_a_closed_line_gets_no_data_and_a_reopened_one_starts_again(line, driver
     assert driver.health(0.2).state is DeviceState.STARTING
 
 
-def test_a_line_that_takes_nothing_is_tried_again(line, driver, servo):
+def test_request_is_repeated_after_a_blocked_line(line, driver, servo):
     line.full = True
     driver.command(RudderCommand(0.1, torque_on=True), 0.0)
     assert servo.sent == []
@@ -204,10 +204,9 @@ def test_a_line_that_takes_nothing_is_tried_again(line, driver, servo):
     assert servo.sent == [(b"0.1", 0.01)]
 
 
-def test_feedback_without_polls_is_bounded(line, driver):
+def test_feedback_without_polls_is_limited(line, driver):
     for number in range(3 * MAX_FEEDBACK):
         driver.command(RudderCommand(float(number), torque_on=True), float(number))
         reply(line, driver, repr(float(number)).encode(), number + 0.01)
-    assert [sample.shaft_rad for sample in driver.poll()] == [
-        float(number) for number in range(2 * MAX_FEEDBACK, 3 * MAX_FEEDBACK)
-    ]
+    newest = [float(number) for number in range(2 * MAX_FEEDBACK, 3 * MAX_FEEDBACK)]
+    assert [sample.shaft_rad for sample in driver.poll()] == newest

@@ -1,4 +1,4 @@
-"""Whatever happens to servo and cable, three quiet seconds later the rudder follows again."""
+"""Three seconds after any sequence of disturbances of servo and line, the rudder follows again."""
 
 import math
 
@@ -10,16 +10,28 @@ from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState
 
-TROUBLES = ["ticks", "lose", "power off", "power on", "blink", "unplug", "plug in", "noise", "quiet", "full", "release"]
+DISTURBANCES = [
+    "ticks",
+    "lose",
+    "power off",
+    "power on",
+    "blink",
+    "unplug",
+    "plug in",
+    "noise",
+    "quiet",
+    "full",
+    "release",
+]
 
 
-class Trouble:
-    """Applies named troubles to a line and its servo."""
+class DisturbedRig:
+    """Applies named disturbances to a line and its servo."""
 
     def __init__(self, fakes, servo, rudder_of):
         self.servo = servo
         self.line = fakes.line(servo)
-        self.sail = fakes.sail(rudder_of(self.line))
+        self.rig = fakes.rig(rudder_of(self.line))
 
     def apply(self, name, number):
         servo, line = self.servo, self.line
@@ -41,39 +53,40 @@ class Trouble:
             line.full = True
         elif name == "quiet":
             line.noise, line.full, line.lose_replies = b"", False, 0
-        self.sail.ticks(number, shaft_deg=3.0 * number, torque_on=name != "release")
+        self.rig.ticks(number, shaft_deg=3.0 * number, torque_on=name != "release")
 
-    def calm(self):
+    def recover(self):
+        """End all disturbances and run for 30 ticks; return the feedback."""
         for name in ("quiet", "plug in"):
             self.apply(name, 1)
         if not self.servo.powered:
             self.apply("power on", 1)
-        return self.sail.ticks(30, shaft_deg=-20.0)
+        return self.rig.ticks(30, shaft_deg=-20.0)
 
 
-STORY = st.lists(st.tuples(st.sampled_from(TROUBLES), st.integers(1, 9)), max_size=12)
+SEQUENCES = st.lists(st.tuples(st.sampled_from(DISTURBANCES), st.integers(1, 9)), max_size=12)
 
 
-@given(STORY)
-def test_dynamixel_recovers(fakes, story):
-    trouble = Trouble(fakes, fakes.dynamixel(), lambda line: dynamixel_rudder(line, DynamixelOptions()))
-    for name, number in story:
-        trouble.apply(name, number)
-    feedback = trouble.calm()
+@given(SEQUENCES)
+def test_dynamixel_recovers(fakes, sequence):
+    disturbed = DisturbedRig(fakes, fakes.dynamixel(), lambda line: dynamixel_rudder(line, DynamixelOptions()))
+    for name, number in sequence:
+        disturbed.apply(name, number)
+    feedback = disturbed.recover()
     expected = 2048 + round(math.radians(-20.0) * 4096 / math.tau)
-    assert trouble.servo.goal == trouble.servo.position == expected
-    assert trouble.sail.health().state is DeviceState.RUNNING
+    assert disturbed.servo.goal == disturbed.servo.position == expected
+    assert disturbed.rig.health().state is DeviceState.RUNNING
     assert feedback[-1].torque_on is True
-    assert all(torque == 0 for _, _, torque in trouble.servo.eeprom_writes)
-    assert len(trouble.servo.eeprom_writes) <= 3  # return delay, its answer lost at most twice
+    assert all(torque == 0 for _, _, torque in disturbed.servo.eeprom_writes)
+    assert len(disturbed.servo.eeprom_writes) <= 3  # return delay, with at most two lost replies
 
 
-@given(STORY)
-def test_volz_recovers(fakes, story):
-    trouble = Trouble(fakes, fakes.volz(), lambda line: volz_rudder(line, VolzOptions()))
-    for name, number in story:
-        trouble.apply(name, number)
-    feedback = trouble.calm()
-    assert trouble.servo.position == 2048 - 384
-    assert trouble.sail.health().state is DeviceState.RUNNING
+@given(SEQUENCES)
+def test_volz_recovers(fakes, sequence):
+    disturbed = DisturbedRig(fakes, fakes.volz(), lambda line: volz_rudder(line, VolzOptions()))
+    for name, number in sequence:
+        disturbed.apply(name, number)
+    feedback = disturbed.recover()
+    assert disturbed.servo.position == 2048 - 384
+    assert disturbed.rig.health().state is DeviceState.RUNNING
     assert feedback[-1].shaft_rad == pytest.approx(math.radians(-20.0))
