@@ -1,4 +1,7 @@
-"""Rambler's onboard autopilot: sensors -> estimate -> guidance -> control -> actuator. Here: version and git commit."""
+"""Rambler's onboard autopilot: sensors -> estimate -> guidance -> control -> actuator.
+
+This module has the version and the git commit.
+"""
 
 from __future__ import annotations
 
@@ -26,39 +29,39 @@ def commit_of(root: Path) -> str:
     It comes from git in a checkout, from a file in a built package. The commit of an unrelated checkout around an
     installed package is not used.
     """
-    return ask_commit(root)()
+    return start_commit_query(root)()
 
 
 def commit_utc_s_of(root: Path) -> int | None:
     """Return the commit time of a built package, None if unknown or in a checkout."""
-    second = _built_of(root)[1]
-    return int(second) if second.isdecimal() else None
+    time_s = _read_commit_file(root)[1]
+    return int(time_s) if time_s.isdecimal() else None
 
 
-def _built_of(root: Path) -> tuple[str, str]:
+def _read_commit_file(root: Path) -> tuple[str, str]:
     """Return abbreviated commit and commit time from the build, empty if missing."""
     try:
-        commit, second, *_ = *(root / COMMIT_FILE).read_text(encoding="ascii").splitlines(), "", ""
+        commit, time_s, *_ = *(root / COMMIT_FILE).read_text(encoding="ascii").splitlines(), "", ""
     except (OSError, ValueError):
         return "", ""
-    return commit.strip(), second.strip()
+    return commit.strip(), time_s.strip()
 
 
-def ask_commit(root: Path) -> Callable[[], str]:
+def start_commit_query(root: Path) -> Callable[[], str]:
     """Start git to read the commit of the tree `root`; return a function that waits for the result."""
     if not (root / ".git").exists():
-        commit = _built_of(root)[0]
+        commit = _read_commit_file(root)[0]
         return lambda: commit
     import subprocess  # noqa: PLC0415 - only for --version and logs
 
     try:
-        git = subprocess.Popen(  # noqa: S603 - words of our own
+        git = subprocess.Popen(  # noqa: S603 - fixed arguments
             GIT, cwd=root, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
     except OSError:
         return lambda: ""
 
-    def answer() -> str:
+    def wait_for_commit() -> str:
         with git:
             try:
                 text = git.communicate(timeout=GIT_TIMEOUT_S)[0]
@@ -67,4 +70,4 @@ def ask_commit(root: Path) -> Callable[[], str]:
                 return ""
         return text.strip() if git.returncode == 0 else ""
 
-    return cache(answer)
+    return cache(wait_for_commit)

@@ -14,7 +14,7 @@ DeviceT = TypeVar("DeviceT")
 
 @dataclass(frozen=True, slots=True)
 class Code(Generic[DeviceT]):
-    """Code of a driver: its option record (common.options), and a factory that takes a line and that record.
+    """Code of a driver: its option record (common.options), and a factory that creates it from a line and that record.
 
     `calibrator` returns the calibrator of a device, None if it has none; `capture` is the format for `rambler decode`.
     """
@@ -27,9 +27,9 @@ class Code(Generic[DeviceT]):
 
 @dataclass(frozen=True, slots=True)
 class Driver(Generic[DeviceT]):
-    """A driver; its code is imported on use, because a boat has few of all devices.
+    """A driver, whose code is imported on first use, because a boat has only some of the devices.
 
-    A driver that `writes` needs a serial port; the others can also read from the network.
+    A driver that `writes` to its device needs a serial port; the others can also read from the network.
     """
 
     device: str
@@ -43,88 +43,88 @@ class Driver(Generic[DeviceT]):
 
     @property
     def make(self) -> Callable[[ByteLine, Any], DeviceT]:
-        """The factory, which takes a line and an option record."""
+        """The factory: creates the driver from a line and an option record."""
         return self.code().make
 
 
-def _nmea_compass() -> Code[Compass]:
+def _load_nmea_compass() -> Code[Compass]:
     from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
     from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
 
     return Code(NmeaCompassOptions, NmeaCompass, capture=CAPTURE_FORMAT)
 
 
-def _pni() -> Code[Compass]:
+def _load_pni() -> Code[Compass]:
     from firmware_py.sensors.pni_reading import CAPTURE_FORMAT
     from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 
     return Code(PniOptions, PniCompass, calibrator=lambda compass: compass, capture=CAPTURE_FORMAT)
 
 
-def _mti() -> Code[Compass]:
+def _load_mti() -> Code[Compass]:
     from firmware_py.sensors.mti import MtiCompass, MtiOptions
     from firmware_py.sensors.mti_reading import CAPTURE_FORMAT
 
     return Code(MtiOptions, MtiCompass, capture=CAPTURE_FORMAT)
 
 
-def _nmea_position() -> Code[Position]:
+def _load_nmea_position() -> Code[Position]:
     from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
     from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
 
     return Code(NmeaPositionOptions, NmeaPosition, capture=CAPTURE_FORMAT)
 
 
-def _ubx() -> Code[Position]:
+def _load_ubx() -> Code[Position]:
     from firmware_py.sensors.ubx import UbxOptions, UbxPosition
     from firmware_py.sensors.ubx_protocol import CAPTURE_FORMAT
 
     return Code(UbxOptions, lambda line, _options: UbxPosition(line), capture=CAPTURE_FORMAT)
 
 
-def _dynamixel() -> Code[Rudder]:
+def _load_dynamixel() -> Code[Rudder]:
     from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 
     return Code(DynamixelOptions, dynamixel_rudder)
 
 
-def _volz() -> Code[Rudder]:
+def _load_volz() -> Code[Rudder]:
     from firmware_py.actuator.volz import VolzOptions, volz_rudder
 
     return Code(VolzOptions, volz_rudder)
 
 
-def _vedirect() -> Code[Power]:
+def _load_vedirect() -> Code[Power]:
     from firmware_py.sensors.vedirect import VeDirectOptions, VeDirectPower
     from firmware_py.sensors.vedirect_blocks import CAPTURE_FORMAT
 
     return Code(VeDirectOptions, lambda line, _options: VeDirectPower(line), capture=CAPTURE_FORMAT)
 
 
-def _ais() -> Code[Vessels]:
+def _load_ais() -> Code[Vessels]:
     from firmware_py.sensors.ais import AisOptions, AisReceiver
 
     return Code(AisOptions, AisReceiver)
 
 
 COMPASSES: Mapping[str, Driver[Compass]] = {
-    "nmea": Driver("NMEA 0183 compasses (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _nmea_compass),
-    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni, writes=True),
-    "mti": Driver("Xsens (Movella) MTi", _mti, writes=True),
+    "nmea": Driver("NMEA 0183 compasses (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _load_nmea_compass),
+    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _load_pni, writes=True),
+    "mti": Driver("Xsens (Movella) MTi", _load_mti, writes=True),
 }
 POSITIONS: Mapping[str, Driver[Position]] = {
-    "nmea": Driver("NMEA 0183 receivers (RMC, GGA, GNS, GLL, VTG, ZDA)", _nmea_position),
-    "ubx": Driver("u-blox receivers that send NAV-PVT", _ubx),
+    "nmea": Driver("NMEA 0183 receivers (RMC, GGA, GNS, GLL, VTG, ZDA)", _load_nmea_position),
+    "ubx": Driver("u-blox receivers that send NAV-PVT", _load_ubx),
 }
 RUDDERS: Mapping[str, Driver[Rudder]] = {
-    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _dynamixel, writes=True),
-    "volz": Driver("Volz DA", _volz, writes=True),
+    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _load_dynamixel, writes=True),
+    "volz": Driver("Volz DA", _load_volz, writes=True),
 }
 POWERS: Mapping[str, Driver[Power]] = {
-    "vedirect": Driver("Victron chargers and battery monitors with VE.Direct (MPPT, SmartShunt, BMV)", _vedirect),
+    "vedirect": Driver("Victron chargers and battery monitors with VE.Direct (MPPT, SmartShunt, BMV)", _load_vedirect),
 }
 AIS: Mapping[str, Driver[Vessels]] = {
-    "nmea": Driver("AIS receivers and transponders (VDM, VDO), also mixed with sentences of other devices", _ais),
+    "nmea": Driver("AIS receivers and transponders (VDM, VDO), also mixed with sentences of other devices", _load_ais),
 }
 
 # Drivers of each section of a vehicle file.

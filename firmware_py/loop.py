@@ -81,12 +81,12 @@ class LoopParts:
     watchdog_due_s: float = -math.inf
     prompt_devices: tuple[Device, ...] = field(init=False)  # read as bytes arrive, for exact time stamps
     devices: tuple[Device, ...] = field(init=False)  # read at least once a tick
-    all_devices: tuple[Device, ...] = field(init=False)  # all
+    all_devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """Group the devices."""
-        present = (self.compass, self.compass_b, self.position)
-        self.prompt_devices = tuple(device for device in present if device is not None)
+        sensors = (self.compass, self.compass_b, self.position)
+        self.prompt_devices = tuple(device for device in sensors if device is not None)
         self.devices = (*self.prompt_devices, self.rudder, *self.power)
         self.all_devices = self.devices if self.vessels is None else (*self.devices, self.vessels)
 
@@ -137,7 +137,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
         device.receive(now_s)
     headings = (*parts.early_headings, *parts.compass.poll())
     parts.early_headings = ()
-    before = parts.autopilot.state
+    previous_state = parts.autopilot.state
     others = tuple(parts.compass_b.poll()) if parts.compass_b is not None else ()
     inputs = Inputs(
         tick,
@@ -159,7 +159,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     if events:
         output = replace(output, events=(*output.events, *events))
     if parts.recorder is not None:
-        parts.recorder.offer(inputs, output, lambda: state_to_text(before))
+        parts.recorder.offer(inputs, output, lambda: state_to_text(previous_state))
     if parts.autopilot.compass_swing.is_running:
         parts.notices += parts.autopilot.compass_swing.take(inputs, parts.autopilot.state.parameters)
     parts.fault_barrier.call(now_s, partial(parts.link.publish, output, now_s))
@@ -220,37 +220,37 @@ def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bo
     period_s = 1.0 / tick_timer.rate_hz
     guard_s, busy_guard_s = min(GUARD_S, GUARD_FRACTION * period_s), min(BUSY_GUARD_S, BUSY_GUARD_FRACTION * period_s)
     locked = parts.tick_on_compass and parts.autopilot.state.parameters["LOOP_LOCK"]
-    begin_s = deadline_s - min(MAX_EARLY_S, MAX_EARLY_FRACTION * period_s) if locked else deadline_s
+    early_start_s = deadline_s - min(MAX_EARLY_S, MAX_EARLY_FRACTION * period_s) if locked else deadline_s
     link_s = 0.0
     store_fd, device_fds = parts.store.fileno(), _prompt_descriptors(parts)
     others = [*link.descriptors(), store_fd]
     while (now_s := clock.now_s()) < deadline_s:
-        slack_end_s = deadline_s - (busy_guard_s if link_busy or link_s >= LINK_BUSY_FRACTION * period_s else guard_s)
-        in_slack = now_s < slack_end_s and link_s < MAX_LINK_FRACTION * period_s
-        waiting = in_slack and link.busy
-        descriptors = [*device_fds, *others] if in_slack else [*device_fds]
-        ready = clock.wait(now_s if waiting else deadline_s, descriptors)
-        if not ready and not waiting:
+        guard_start_s = deadline_s - (busy_guard_s if link_busy or link_s >= LINK_BUSY_FRACTION * period_s else guard_s)
+        is_before_guard = now_s < guard_start_s and link_s < MAX_LINK_FRACTION * period_s
+        has_link_data = is_before_guard and link.busy
+        descriptors = [*device_fds, *others] if is_before_guard else [*device_fds]
+        ready = clock.wait(now_s if has_link_data else deadline_s, descriptors)
+        if not ready and not has_link_data:
             continue
         now_s = clock.now_s()
         readable = [device_fds[fd] for fd in ready if fd in device_fds]
         link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         for device in readable:
             device.receive(now_s)
-        if now_s >= begin_s and parts.compass in readable and (early_headings := tuple(parts.compass.poll())):
+        if now_s >= early_start_s and parts.compass in readable and (early_headings := tuple(parts.compass.poll())):
             parts.early_headings = early_headings
             break
         if parts.rudder in readable or any(device.fileno() < 0 for device in readable):
             device_fds = _prompt_descriptors(parts)
         # Data of the link within the guard time wait until after the tick.
-        if now_s >= slack_end_s:
+        if now_s >= guard_start_s:
             continue
         if store_fd in ready:
             parts.fault_barrier.call(now_s, parts.store.service)  # its callbacks belong to the link
-        if link_ready or waiting:
+        if link_ready or has_link_data:
             parts.fault_barrier.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
-        if len(ready) > len(readable) or waiting:  # the link may have closed a connection
+        if len(ready) > len(readable) or has_link_data:  # the link may have closed a connection
             others = [*link.descriptors(), store_fd]
     return link_s >= LINK_BUSY_FRACTION * period_s
 
@@ -272,8 +272,8 @@ def make_safe(parts: LoopParts) -> None:
     rudder.poll()  # discard old feedback
     next_s = clock.now_s()
     end_s = next_s + SAFE_TIMEOUT_S
-    amidships = 0
-    while amidships < MIN_SAFE_READINGS and (now_s := clock.now_s()) < end_s:
+    centred_readings = 0
+    while centred_readings < MIN_SAFE_READINGS and (now_s := clock.now_s()) < end_s:
         if now_s >= next_s:
             rudder.command(command, now_s)
             next_s = now_s + SAFE_INTERVAL_S
@@ -284,4 +284,4 @@ def make_safe(parts: LoopParts) -> None:
         for feedback in rudder.poll():
             if feedback.shaft_rad is not None:
                 is_centred = abs(linkage.to_rudder(feedback.shaft_rad)) < SAFE_ANGLE_RAD
-                amidships = amidships + 1 if is_centred else 0
+                centred_readings = centred_readings + 1 if is_centred else 0

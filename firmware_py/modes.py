@@ -30,7 +30,7 @@ from firmware_py.model.crab import heading_for_course
 _HEADING_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.heading_goals))
 _POSITION_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.position_goals))
 ACCEPTED = Answer(Verdict.ACCEPTED)
-# No turn the long way to a goal closer than this on the other side.
+# A goal within this angle on the other side is reached without a turn the long way.
 ALREADY_THERE_RAD = 0.1
 MAX_BENCH_S = 60.0
 
@@ -67,7 +67,7 @@ class ModeState(msgspec.Struct, frozen=True):
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> ModeState:
-        """Return the state by BOOT_MODE and BOOT_ARM."""
+        """Return the state at start, set by BOOT_MODE and BOOT_ARM."""
         return cls(Mode(int(parameters["BOOT_MODE"])), armed=bool(parameters["BOOT_ARM"]))
 
 
@@ -85,21 +85,21 @@ class Situation(msgspec.Struct, frozen=True):
     fault: str = ""  # text of an active fault that prevents arming
 
     @property
-    def place_known(self) -> bool:
+    def is_position_known(self) -> bool:
         """Whether a position is known, by a fix or by dead reckoning."""
         return self.position_ok or self.dead_reckoning_sd_m is not None
 
 
 # Texts of missing requirements.
-_LACKING: Mapping[Need, str] = {
+_MISSING_TEXTS: Mapping[Need, str] = {
     Need.HEADING: "no valid heading",
     Need.POSITION: "no position",
     Need.MISSION: "no mission",
     Need.HOME: "no home and no rally point",
 }
-_MET: Mapping[Need, Callable[[Situation], bool]] = {
+_CONDITIONS: Mapping[Need, Callable[[Situation], bool]] = {
     Need.HEADING: lambda situation: situation.heading_rad is not None,
-    Need.POSITION: lambda situation: situation.place_known,
+    Need.POSITION: lambda situation: situation.is_position_known,
     Need.MISSION: lambda situation: situation.mission_ok,
     Need.HOME: lambda situation: situation.home_ok,
 }
@@ -107,11 +107,11 @@ _MET: Mapping[Need, Callable[[Situation], bool]] = {
 
 def obstacle_to(mode: Mode, situation: Situation) -> str:
     """Return the reason why a mode cannot be entered, empty if it can."""
-    return next((_LACKING[need] for need in MODES[mode].needs if not _MET[need](situation)), "")
+    return next((_MISSING_TEXTS[need] for need in MODES[mode].needs if not _CONDITIONS[need](situation)), "")
 
 
 def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState, Answer]:
-    """Enter a mode, or refuse it and stay."""
+    """Enter a mode, or refuse it and keep the present one."""
     if mode is state.mode:
         return state, ACCEPTED
     if obstacle := obstacle_to(mode, situation):
@@ -142,7 +142,7 @@ def arming_obstacle(situation: Situation) -> str:
     return situation.fault
 
 
-def _arm(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
+def _set_armed(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
     obstacle = arming_obstacle(situation)
     if intent.armed and not intent.force and not state.armed and obstacle:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
@@ -208,7 +208,7 @@ def _steer_position(
     if not MODES[entered.mode].position_goals:
         text = f"Position goal refused in {state.mode.name}: enter {_POSITION_MODES} first"
         return state, Answer(Verdict.TEMPORARILY_REJECTED, text)
-    if not situation.place_known:
+    if not situation.is_position_known:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")
     return replace(entered, goal=PositionGoal(intent.latitude_rad, intent.longitude_rad)), ACCEPTED
 
@@ -246,7 +246,7 @@ def _forget_parameters(
 
 _HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
     SetMode: _set_mode,
-    Arm: _arm,
+    Arm: _set_armed,
     SteerHeading: _steer_heading,
     SteerPosition: _steer_position,
     ManualRudder: _set_stick,
@@ -264,14 +264,14 @@ def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -
     return handler(state, intent, situation, t_s)
 
 
-def live_bench(state: ModeState, now_s: float) -> float | None:
-    """Return the rudder deflection on the bench, None if it is not moved there."""
-    # The upper bound excludes a state of another process, which has another clock.
-    live = now_s < state.bench_until_s <= now_s + MAX_BENCH_S
-    return state.bench if live and not state.armed else None
+def bench_deflection(state: ModeState, now_s: float) -> float | None:
+    """Return the rudder deflection commanded on the bench, None without a valid command."""
+    # The upper limit excludes a state restored from another process, whose clock differs.
+    is_active = now_s < state.bench_until_s <= now_s + MAX_BENCH_S
+    return state.bench if is_active and not state.armed else None
 
 
-def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:
+def stick_deflection(state: ModeState, now_s: float, timeout_s: float) -> float | None:
     """Return the deflection of the stick, None if it is released or too old."""
     if state.stick is None or now_s - state.stick_t_s > timeout_s:
         return None

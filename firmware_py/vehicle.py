@@ -23,7 +23,7 @@ RecordT = TypeVar("RecordT")
 
 
 class VehicleError(ValueError):
-    """The vehicle file is invalid; the text has a line with file, place and remedy for each problem."""
+    """The vehicle file is invalid; the text has a line with file, location and remedy for each problem."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,8 @@ class Vehicle(msgspec.Struct, frozen=True):
 
 MAX_BYTES = 1 << 20  # of a vehicle or parameter file
 NETWORK, _NO_BAUD = ("udp:", "tcp:"), 38400  # prefixes of network ports; placeholder for their rate
-_MAX_CHARACTERS, _MAX_BITS = 60, 4096  # of a name in a text; of an integer, because Python limits their conversion
+_MAX_CHARACTERS = 60  # of a name in a message
+_MAX_BITS = 4096  # of an integer, because Python limits the conversion of integers to text
 _OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
@@ -106,40 +107,40 @@ def load(path: Path) -> Vehicle:
 
 
 def _check_values(data: Mapping[str, Any], path: Path) -> None:
-    """Raise VehicleError for values that no section accepts and no message can hold."""
-    waiting: list[tuple[str, Any]] = list(data.items())
-    while waiting:
-        name, value = waiting.pop()
+    """Raise VehicleError for values that no section accepts and no message can contain."""
+    pending: list[tuple[str, Any]] = list(data.items())
+    while pending:
+        name, value = pending.pop()
         if isinstance(value, dict):
-            waiting += value.items()
+            pending += value.items()
         elif isinstance(value, list):
-            waiting += ((name, item) for item in value)
+            pending += ((name, item) for item in value)
         elif isinstance(value, int) and value.bit_length() > _MAX_BITS:
             raise VehicleError(f"{path}: {name[:_MAX_CHARACTERS]!r} has too many digits")
         elif isinstance(value, str) and not value.isprintable():
             raise VehicleError(
-                f"{path}: {name[:_MAX_CHARACTERS]!r} holds characters that cannot be printed: {value[:30]!r}"
+                f"{path}: {name[:_MAX_CHARACTERS]!r} contains characters that cannot be printed: {value[:30]!r}"
             )
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
     """Check the content of a vehicle file; raise VehicleError with all problems."""
     optional = [name for name in _OPTIONAL if name in data]
-    _, values = _all_read(
+    _, values = _read_all(
         {
-            "sections": lambda: _only_known(data, _SECTIONS, f"{path}: section"),
-            "name": lambda: _name(_section(data, "vehicle", path), path),
-            **{name: partial(_entry, data, name, path) for name in ("compass", "rudder", *optional)},
-            "hull": lambda: _hull(data, path),
-            "link_urls": lambda: _link_urls(_section(data, "link", path), path),
-            "parameters": lambda: _parameters(_section(data, "parameters", path), path),
+            "sections": lambda: _check_names(data, _SECTIONS, f"{path}: section"),
+            "name": lambda: _read_name(_find_section(data, "vehicle", path), path),
+            **{name: partial(_read_entry, data, name, path) for name in ("compass", "rudder", *optional)},
+            "hull": lambda: _read_hull(data, path),
+            "link_urls": lambda: _read_link_urls(_find_section(data, "link", path), path),
+            "parameters": lambda: _read_parameters(_find_section(data, "parameters", path), path),
         },
         missing=f"]{MISSING_TEXT}",
     )
     return Vehicle(**{"position": None} | values)
 
 
-def _all_read(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
+def _read_all(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
     """Return the value of the first read, a check of names, and the values of the others by name.
 
     Raises VehicleError with all problems. If a name is unknown, `missing` keys are not reported, because a name may be
@@ -154,44 +155,44 @@ def _all_read(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEX
             problems[name] = str(error).splitlines()
     first = next(iter(reads))
     lines = [line for texts in problems.values() for line in texts if first not in problems or missing not in line]
-    _refuse(lines)
+    _raise_problems(lines)
     return values.pop(first), values
 
 
-def _name(section: Mapping[str, Any], path: Path) -> str:
-    _only_known(section, ("name",), f"{path}: [vehicle]")
+def _read_name(section: Mapping[str, Any], path: Path) -> str:
+    _check_names(section, ("name",), f"{path}: [vehicle]")
     name = section.get("name", path.stem)
     if not isinstance(name, str) or not name or len(name) > 60:
         raise VehicleError(f"{path}: [vehicle] name: expected a text of 1 to 60 characters")
     return name
 
 
-def _link_urls(section: Mapping[str, Any], path: Path) -> tuple[str, ...]:
+def _read_link_urls(section: Mapping[str, Any], path: Path) -> tuple[str, ...]:
     reads = {
-        "names": lambda: _only_known(section, ("urls",), f"{path}: [link]"),
-        "urls": lambda: _texts(section.get("urls", []), f"{path}: [link] urls"),
+        "names": lambda: _check_names(section, ("urls",), f"{path}: [link]"),
+        "urls": lambda: _read_texts(section.get("urls", []), f"{path}: [link] urls"),
     }
-    urls: tuple[str, ...] = _all_read(reads)[1]["urls"]
+    urls: tuple[str, ...] = _read_all(reads)[1]["urls"]
     return urls
 
 
-def _section(data: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any]:
+def _find_section(data: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any]:
     section = data.get(name, {})
     if not isinstance(section, dict):
         raise VehicleError(f"{path}: [{name}] must be a section, not a value")
     return section
 
 
-def _refuse(problems: Iterable[str]) -> None:
+def _raise_problems(problems: Iterable[str]) -> None:
     """Raise VehicleError with the problems, at most MAX_PROBLEMS; do nothing if there are none."""
     if lines := list(islice(problems, MAX_PROBLEMS)):
         raise VehicleError("\n".join(lines))
 
 
-def _only_known(section: Mapping[str, Any], known_names: tuple[str, ...], place: str) -> None:
+def _check_names(section: Mapping[str, Any], known_names: tuple[str, ...], location: str) -> None:
     hint = f"; known: {', '.join(known_names)}"
     unknown = [key[:_MAX_CHARACTERS] for key in section if key not in known_names]
-    _refuse(f"{place} {key!r} is not known{_suggestion(key, known_names) or hint}" for key in unknown)
+    _raise_problems(f"{location} {key!r} is not known{_suggestion(key, known_names) or hint}" for key in unknown)
 
 
 def _suggestion(key: str, known_names: tuple[str, ...]) -> str:
@@ -200,102 +201,102 @@ def _suggestion(key: str, known_names: tuple[str, ...]) -> str:
     return "".join(f"; did you mean {near!r}?" for near in difflib.get_close_matches(key, known_names, 1))
 
 
-def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
+def _read_entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
     if name not in data:
         raise VehicleError(f"{path}: section [{name}] is missing; it needs driver, port and baud of the {name}")
-    return read_device(name, _section(data, name, path), f"{path}: [{name}]")
+    return read_device(name, _find_section(data, name, path), f"{path}: [{name}]")
 
 
-def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntry:
+def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceEntry:
     """Check the device section with this name: the common keys, and those of its driver.
 
-    Raises VehicleError with a text that begins with `place`.
+    Raises VehicleError with a text that begins with `location`.
     """
     drivers, driver = SECTIONS[name], section.get("driver")
     if driver is None:
-        raise VehicleError(f"{place} driver is missing; use one of {', '.join(drivers)}")
+        raise VehicleError(f"{location} driver is missing; use one of {', '.join(drivers)}")
     if not isinstance(driver, str) or driver not in drivers:
-        raise VehicleError(f"{place} driver {str(driver)[:60]!r} is not known; use one of {', '.join(drivers)}")
+        raise VehicleError(f"{location} driver {str(driver)[:60]!r} is not known; use one of {', '.join(drivers)}")
     kind = drivers[driver].options
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
     names = tuple(row.name for row in fields(kind))
     connection_values = {key: section[key] for key in _CONNECTION if key in section}
     by_network = str(section.get("port")).startswith(NETWORK)
     if by_network and drivers[driver].writes:
-        raise VehicleError(f"{place} port: driver {driver} writes to its device and needs a serial port")
-    _, values = _all_read(
+        raise VehicleError(f"{location} port: driver {driver} writes to its device and needs a serial port")
+    _, values = _read_all(
         {
-            "names": lambda: _only_read(own, driver, names, place),
-            "connection": lambda: _record(
-                _Connection, ({"baud": _NO_BAUD} if by_network else {}) | connection_values, place
+            "names": lambda: _check_options(own, driver, names, location),
+            "connection": lambda: _read_record(
+                _Connection, ({"baud": _NO_BAUD} if by_network else {}) | connection_values, location
             ),
-            "options": lambda: _record(kind, {key: value for key, value in own.items() if key in names}, place),
+            "options": lambda: _read_record(kind, {key: value for key, value in own.items() if key in names}, location),
         }
     )
     connection: _Connection = values["connection"]
     return DeviceEntry(driver, connection.port, connection.baud, values["options"])
 
 
-def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...], place: str) -> None:
+def _check_options(values: Mapping[str, Any], driver: str, options: tuple[str, ...], location: str) -> None:
     """Raise VehicleError for options that the driver does not read."""
     own = ", ".join(options) or "no option of its own"
     reason, known_names = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
     unknown = [key[:_MAX_CHARACTERS] for key in values if key not in options]
-    _refuse(f"{place} {key!r} {reason}{_suggestion(key, known_names)}" for key in unknown)
+    _raise_problems(f"{location} {key!r} {reason}{_suggestion(key, known_names)}" for key in unknown)
 
 
-def _hull(data: Mapping[str, Any], path: Path) -> Hull:
-    section, place = _section(data, "hull", path), f"{path}: [hull]"
+def _read_hull(data: Mapping[str, Any], path: Path) -> Hull:
+    section, location = _find_section(data, "hull", path), f"{path}: [hull]"
     names = tuple(row.name for row in fields(Hull))
     reads = {
-        "names": lambda: _only_known(section, names, place),
-        "hull": lambda: _record(Hull, {key: value for key, value in section.items() if key in names}, place),
+        "names": lambda: _check_names(section, names, location),
+        "hull": lambda: _read_record(Hull, {key: value for key, value in section.items() if key in names}, location),
     }
-    hull: Hull = _all_read(reads)[1]["hull"]
+    hull: Hull = _read_all(reads)[1]["hull"]
     return hull
 
 
-def _record(kind: type[RecordT], values: Mapping[str, Any], place: str) -> RecordT:
+def _read_record(kind: type[RecordT], values: Mapping[str, Any], location: str) -> RecordT:
     try:
         return record_from(kind, values)
     except ValueError as error:
-        raise VehicleError("\n".join(f"{place} {line}" for line in str(error).splitlines())) from None
+        raise VehicleError("\n".join(f"{location} {line}" for line in str(error).splitlines())) from None
 
 
-def _text(value: Any, place: str) -> str:
+def _read_text(value: Any, location: str) -> str:
     if not isinstance(value, str) or not value:
-        raise VehicleError(f"{place}: expected a text in quotes")
+        raise VehicleError(f"{location}: expected a text in quotes")
     return value
 
 
-def _texts(value: Any, place: str) -> tuple[str, ...]:
+def _read_texts(value: Any, location: str) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        raise VehicleError(f"{place}: expected a list of texts")
+        raise VehicleError(f"{location}: expected a list of texts")
     return tuple(value)
 
 
-def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
+def _read_parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
     values: dict[str, float] = {}
     problems: list[str] = []
     if "file" in section:
-        file = path.parent / _text(section["file"], f"{path}: [parameters] file")
+        file = path.parent / _read_text(section["file"], f"{path}: [parameters] file")
         try:
             values.update(parse_file(read_text(file, MAX_BYTES), str(file)))
         except OSError as error:
             problems.append(f"{path}: [parameters] file {file} cannot be read: {error.strerror}")
         except ParameterError as error:
             problems.append(str(error))
-    stated = {name: value for name, value in section.items() if name != "file"}
-    for name, value in stated.items():
+    direct_values = {name: value for name, value in section.items() if name != "file"}
+    for name, value in direct_values.items():
         try:
-            values[name] = _parameter(name, value)
+            values[name] = _read_parameter(name, value)
         except ParameterError as error:
             problems.append(f"{path}: [parameters] {error}")
-    _refuse(problems)
+    _raise_problems(problems)
     return values
 
 
-def _parameter(name: str, value: Any) -> float:
+def _read_parameter(name: str, value: Any) -> float:
     expected = f"{name[:60]}: expected a number"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(expected)

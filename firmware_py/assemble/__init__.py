@@ -1,1 +1,1 @@
-"""From a vehicle file to a wired autopilot; the only composer."""
+"""Assembly of the autopilot from a vehicle file; only this package connects its parts."""

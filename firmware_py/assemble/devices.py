@@ -1,4 +1,4 @@
-"""Opens the ports of a vehicle's devices and makes their drivers."""
+"""Opens the ports of the devices of a vehicle and creates their drivers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
-REOPEN_AFTER_S = 10.0  # without received bytes
+REOPEN_AFTER_S = 10.0  # after this time without received bytes, a port is reopened
 
 Line = SerialPort | UdpLine | TcpLine
-_NETWORK: Mapping[str, type[UdpLine | TcpLine]] = {"udp": UdpLine, "tcp": TcpLine}  # as NETWORK of vehicle
+_NETWORK: Mapping[str, type[UdpLine | TcpLine]] = {"udp": UdpLine, "tcp": TcpLine}  # the prefixes in vehicle.NETWORK
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -41,25 +41,25 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     Raises PortError for a port that cannot be opened, unless `wait`: then it is opened when it appears.
     """
     lines: list[Line] = []
-    shared = _shared_lines(vehicle, lines)
+    shared = _share_lines(vehicle, lines)
     compass = COMPASSES[vehicle.compass.driver].make(shared["compass"], vehicle.compass.options)
-    rudder = RUDDERS[vehicle.rudder.driver].make(_line(vehicle.rudder, lines), vehicle.rudder.options)
-    position, second = None, None
+    rudder = RUDDERS[vehicle.rudder.driver].make(_add_line(vehicle.rudder, lines), vehicle.rudder.options)
+    position, compass_b = None, None
     if (entry := vehicle.position) is not None:
         position = POSITIONS[entry.driver].make(shared["position"], entry.options)
     if (entry_b := vehicle.compass_b) is not None:
-        driver = COMPASSES[entry_b.driver].make(_line(entry_b, lines), entry_b.options)
-        second = SecondSensor(driver, DeviceRole.COMPASS_B)
-    power = _power_monitors(vehicle, lines)
+        driver = COMPASSES[entry_b.driver].make(_add_line(entry_b, lines), entry_b.options)
+        compass_b = SecondSensor(driver, DeviceRole.COMPASS_B)
+    power = _create_power_monitors(vehicle, lines)
     vessels = None
     if (ais := vehicle.ais) is not None:
         vessels = AIS[ais.driver].make(shared["ais"], ais.options)
     open_lines(lines, wait=wait)
     calibrator = calibrator_of(vehicle.compass.driver, compass)
-    return Devices(compass, position, rudder, second, calibrator, power, vessels, tuple(lines))
+    return Devices(compass, position, rudder, compass_b, calibrator, power, vessels, tuple(lines))
 
 
-def _shared_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
+def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
     """Return the lines of compass, position and AIS by name; devices that share a port get views of one line.
 
     The views must be read in this order. New lines are added to `lines`.
@@ -71,38 +71,38 @@ def _shared_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
             users.setdefault(entry.port, {})[name] = entry
     line_views: dict[str, ByteLine] = {}
     for group in users.values():
-        line = _line(next(iter(group.values())), lines)
-        line_views.update(zip(group, line_views_of(line, len(group)), strict=True))
+        line = _add_line(next(iter(group.values())), lines)
+        line_views.update(zip(group, share_line(line, len(group)), strict=True))
     return line_views
 
 
-def line_views_of(line: ByteLine, count: int) -> list[ByteLine]:
+def share_line(line: ByteLine, count: int) -> list[ByteLine]:
     """Return `count` views of a line; each reads the bytes that the views before it have read."""
     if count == 1:
         return [line]
     tee = LineTee(line)
-    return [tee.first_view, *line_views_of(tee.second_view, count - 1)]
+    return [tee.first_view, *share_line(tee.second_view, count - 1)]
 
 
-def line_of(port: str, baud: int) -> Line:
+def create_line(port: str, baud: int) -> Line:
     """Return the line of a port of the vehicle file: serial, UDP or TCP."""
     kind = _NETWORK.get(port.partition(":")[0])
     return SerialPort(port, baud, silent_s=REOPEN_AFTER_S) if kind is None else kind(port)
 
 
-def _line(entry: DeviceEntry, lines: list[Line]) -> Line:
-    lines.append(line_of(entry.port, entry.baud))
+def _add_line(entry: DeviceEntry, lines: list[Line]) -> Line:
+    lines.append(create_line(entry.port, entry.baud))
     return lines[-1]
 
 
-def _power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
+def _create_power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
     """Create the drivers of power monitors; their lines are added to `lines`."""
-    made: list[Power] = []
+    monitors: list[Power] = []
     for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
         if entry is not None:
-            monitor = POWERS[entry.driver].make(_line(entry, lines), entry.options)
-            made.append(monitor if role is DeviceRole.POWER else SecondSensor(monitor, role))
-    return tuple(made)
+            monitor = POWERS[entry.driver].make(_add_line(entry, lines), entry.options)
+            monitors.append(monitor if role is DeviceRole.POWER else SecondSensor(monitor, role))
+    return tuple(monitors)
 
 
 def open_lines(lines: Sequence[Line], *, wait: bool) -> None:

@@ -1,4 +1,4 @@
-"""Wires the logs of a state directory: recorder, file access of ground stations, and dates from logs."""
+"""Logs of a state directory: recorder, file access of ground stations, and time of the newest log."""
 
 from __future__ import annotations
 
@@ -57,8 +57,10 @@ def log_recorder(
     return recorder
 
 
-def with_dates(position: Position | None, clock: Clock, directory: Path, say: Callable[[str], None]) -> Position | None:
-    """Return a receiver whose dates are corrected by clock and logs; None without a receiver."""
+def with_corrected_times(
+    position: Position | None, clock: Clock, directory: Path, say: Callable[[str], None]
+) -> Position | None:
+    """Return a receiver whose times are corrected by clock and logs; None without a receiver."""
     if position is None:
         return None
     return DatedPosition(position, clock.utc_s, last_written_s(directory / LOG_DIRECTORY), say)

@@ -1,4 +1,4 @@
-"""Wires the outputs of NMEA 0183: opened with the links, updated after each tick."""
+"""Outputs of NMEA 0183: opens them with the links, and sends data after each tick."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def open_nmea_outputs(
     say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> list[NmeaOutput]:
-    """Open the outputs among the links, or raise LinkError; no module is loaded without one."""
+    """Open the NMEA outputs among the links, or raise LinkError; without one, their module is not imported."""
     nmea_urls = [url for url in urls if url.startswith(NMEA)]
     if not nmea_urls:
         return []
@@ -39,12 +39,12 @@ def open_nmea_outputs(
     return outputs
 
 
-def link_status_of(endpoint: Endpoint, outputs: Sequence[NmeaOutput]) -> Callable[[float], Sequence[LinkStatus]]:
-    """Return a function for the status of links and outputs."""
+def status_reader(endpoint: Endpoint, outputs: Sequence[NmeaOutput]) -> Callable[[float], Sequence[LinkStatus]]:
+    """Return a function that returns the status of links and outputs at a time."""
     return lambda now_s: (*endpoint.status(now_s), *(nmea_output.status(now_s) for nmea_output in outputs))
 
 
-def feed_nmea_outputs(outputs: Sequence[NmeaOutput], parts: LoopParts) -> None:
+def connect_nmea_outputs(outputs: Sequence[NmeaOutput], parts: LoopParts) -> None:
     """Send each tick to the outputs; their errors are reported and do not affect the loop."""
     if not outputs:
         return
@@ -53,11 +53,11 @@ def feed_nmea_outputs(outputs: Sequence[NmeaOutput], parts: LoopParts) -> None:
     next_after_tick = parts.after_tick
 
     def after_tick(output: Output, now_s: float) -> None:
-        def scene() -> NmeaData:
+        def create_data() -> NmeaData:
             return NmeaData(output.snapshot, parts.clock.utc_s(), declination_rad(parts.autopilot.state))
 
         for nmea_output in outputs:
-            parts.fault_barrier.call(now_s, partial(nmea_output.publish, scene, now_s))
+            parts.fault_barrier.call(now_s, partial(nmea_output.publish, create_data, now_s))
         next_after_tick(output, now_s)
 
     parts.after_tick = after_tick

@@ -1,4 +1,4 @@
-"""Wires the status reports after each tick: `rambler status`, and the trial of an update."""
+"""Status reports after each tick: `rambler status`, and the trial of an update."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pymavlink
 import serial
 
 from firmware_py import __version__
-from firmware_py.assemble.trial import TrialWatch, link_of
+from firmware_py.assemble.trial import TrialWatch, find_program_link
 from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import DeviceRole
 from firmware_py.common.reports import Output
@@ -37,7 +37,7 @@ def report_status(
     opened: ExitStack,
 ) -> None:
     """Write the status after each tick; `opened` removes it at the end."""
-    trial = TrialWatch(link_of(sys.argv[0]), parts.store, parts.notices, console.ahead)
+    trial = TrialWatch(find_program_link(sys.argv[0]), parts.store, parts.notices, console.ahead)
     about = {
         "vehicle": vehicle.name,
         "state_directory": os.path.realpath(state_directory),
@@ -46,7 +46,7 @@ def report_status(
     }
     sources = StatusSources(
         about=about,
-        ports=_ports(vehicle),
+        ports=_ports_by_role(vehicle),
         devices=lambda: parts.health.latest,
         links=links,
         faults=lambda: parts.autopilot.state.fault_latch,
@@ -81,7 +81,7 @@ def _versions(commit: str) -> dict[str, str]:
     }
 
 
-def _ports(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
+def _ports_by_role(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
     entries = {
         DeviceRole.COMPASS: vehicle.compass,
         DeviceRole.COMPASS_B: vehicle.compass_b,

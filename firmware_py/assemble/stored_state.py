@@ -1,4 +1,4 @@
-"""Reads the stored state of earlier runs at the start, and reports its problems."""
+"""Reads the stored state of earlier runs at start-up, and reports its problems."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from firmware_py.system.state_directory import (
 )
 from firmware_py.system.store import Store
 
-EARLY_ENDINGS_PER_STAGE: Final = 3
+EARLY_ENDINGS_PER_STAGE: Final = 3  # stages: parameters of the store, of the vehicle file, built in
 MAX_REPORTED: Final = 10
 STEERING_PREFIXES: Final = (
     "AIS_", "CMP", "COG_", "CRUISE_", "CTL_", "EST_", "LOIT_", "LOOP_", "MDL_", "NAV_", "POS_", "RUD_", "STK_", "WP_",
@@ -50,27 +50,28 @@ def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tup
     return stored, plans
 
 
-def startup_parameters(
-    stored: ParameterSet, vehicle: ParameterSet, early: int, say: Callable[[str], None]
+def select_start_parameters(
+    stored: ParameterSet, vehicle: ParameterSet, early_endings: int, say: Callable[[str], None]
 ) -> ParameterSet:
-    """Return the start parameters after `early` consecutive runs that failed soon after their start.
+    """Return the start parameters after `early_endings` consecutive runs that failed soon after their start.
 
     After each EARLY_ENDINGS_PER_STAGE of them, control and estimation use other parameters: those of the vehicle file,
     then the built-in ones. Mounting parameters stay, because the built-in direction of a servo may be wrong.
     """
-    sets = {stored: "stored"}
+    names_by_set = {stored: "stored"}
     for base, name in ((vehicle, "vehicle file's"), (ParameterSet(), "built-in")):
         values = (
             value if _affects_steering(row) else old
             for (row, value), old in zip(base.items(), stored.values(), strict=True)
         )
-        sets.setdefault(ParameterSet(values), name)
-    used, name = list(sets.items())[min(early // EARLY_ENDINGS_PER_STAGE, len(sets) - 1)]
+        names_by_set.setdefault(ParameterSet(values), name)
+    used, name = list(names_by_set.items())[min(early_endings // EARLY_ENDINGS_PER_STAGE, len(names_by_set) - 1)]
     if used is not stored:
-        say(f"{early} starts failed: {name} steering parameters")
+        say(f"{early_endings} starts failed: {name} steering parameters")
         pairs = zip(stored.items(), used.values(), strict=True)
-        unused = [f"{row} {format_value(value)}" for (row, value), other in pairs if value != other]
-        say(f"Stored but not used: {', '.join(unused[:MAX_REPORTED])}{', and more' if unused[MAX_REPORTED:] else ''}")
+        unused_values = [f"{row} {format_value(value)}" for (row, value), other in pairs if value != other]
+        more = ", and more" if unused_values[MAX_REPORTED:] else ""
+        say(f"Stored but not used: {', '.join(unused_values[:MAX_REPORTED])}{more}")
     return used
 
 
@@ -80,9 +81,9 @@ def _affects_steering(name: str) -> bool:
 
 
 def report_key_problem(directory: Path, stored: Stored, say: Callable[[str], None], *, late: bool = False) -> None:
-    """Report problems with the signing key, or its arrival on a disk that was mounted after the start (`late`).
+    """Report problems with the signing key, or that it was loaded from a disk mounted after the start (`late`).
 
-    A lost key also is a fault, which stays active until it is set or removed.
+    A lost key is also a fault, which remains set until the key is set or removed.
     """
     finding = find_key(stored)
     if late and finding.state is KeyState.PRESENT:

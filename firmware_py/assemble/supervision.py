@@ -48,7 +48,7 @@ class Supervision:
         for event in parts.notices:
             if event.text.startswith(RESTART_PREFIX):
                 say(event.text)
-        self._keep(replace(endings, running=True, is_young=True))
+        self._save_endings(replace(endings, running=True, is_young=True))
         self._recorder = EndingRecorder(runtime_directory(environment))
         self._next_after_tick, self._stable_s = parts.after_tick, parts.clock.now_s() + YOUNG_RUN_S
         parts.after_tick = self._after_tick
@@ -68,20 +68,20 @@ class Supervision:
     def end(self, *, restart: bool) -> None:
         """Record a regular end of the run; `restart`: another one follows in this process."""
         self._watchdogs.stop(restart=restart)
-        self._keep(replace(self._endings, running=False, is_young=False))
+        self._save_endings(replace(self._endings, running=False, is_young=False))
 
-    def end_with_error(self, why: str) -> None:
-        """Record the reason of an unexpected end, after which the run is restarted."""
-        self._recorder.record_reason(why)
-        self._keep(replace(self._endings, failed=True))
+    def end_with_error(self, reason: str) -> None:
+        """Record the reason of an unexpected end; then the run is restarted."""
+        self._recorder.record_reason(reason)
+        self._save_endings(replace(self._endings, failed=True))
         self._watchdogs.stop(restart=True)
 
     def _after_tick(self, output: Output, now_s: float) -> None:
         if self._endings.is_young and now_s >= self._stable_s:
-            self._keep(replace(self._endings, is_young=False))
+            self._save_endings(replace(self._endings, is_young=False))
         self._next_after_tick(output, now_s)
 
-    def _keep(self, endings: Endings) -> None:
+    def _save_endings(self, endings: Endings) -> None:
         self._endings = endings
         self._store.save(ENDINGS_FILE, to_bytes(endings))
 

@@ -27,7 +27,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Loaded from storage: <list>": ("the part of the stored data that could be read", "see the text before"),
     "stored <file> ignored: <why>": (_IGNORED, _CHECK),
     "stored <file>: <note>": (
-        "it was written by another version or holds invalid values; the named part was ignored or added",
+        "it was written by another version or contains invalid values; the named part was ignored or added",
         _CHECK,
     ),
     "stored parameter ignored: <why>": ("a stored parameter cannot be read; its default is used", _CHECK),
@@ -36,11 +36,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "after an update: nothing",
     ),
     "state directory <path>: <problem>": (
-        "the state directory cannot be used fully; the boat sails on and may store nothing",
+        "the state directory cannot be used fully; steering continues, but nothing may be stored",
         "check permissions, space and medium of the directory; `rambler check` names the problem",
     ),
     "<what is wrong with a link>; it is tried again": (
-        "its host name is unknown or its address is not available now; the boat sails on without it",
+        "its host name is unknown or its address is not available now; steering continues without it",
         "nothing if the network comes later; otherwise correct the link in the vehicle file",
     ),
     "Port <path>: changed by another program, restored<more>": (
@@ -52,12 +52,12 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "end that program, or exclude it from the port, and restart",
     ),
     "watchdog <path>: <problem>": (
-        "the hardware watchdog is not available as configured; the boat sails on",
+        "the hardware watchdog is not available as configured; steering continues",
         "see the hardware watchdog on the page for float computers; systemd may already use it",
     ),
     "<number> starts failed: <whose> steering parameters": (
         "consecutive runs failed within 60 s of their start; control and estimation use other parameters",
-        "see the next text; the log and `journalctl -u rambler` hold the errors",
+        "see the next text; the log and `journalctl -u rambler` contain the errors",
     ),
     "Stored but not used: <parameters>": (
         "after failed starts, other values are used until a run has lasted 60 s",

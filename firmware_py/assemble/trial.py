@@ -1,4 +1,4 @@
-"""Trial of an updated version: reported at each start, passed after a sufficient running time.
+"""Trial of an updated version: reported at each start, and successful after the time TRIAL_S.
 
 A failed trial returns to the previous version. Therefore the records of that version keep their names until the end of
 the trial.
@@ -16,7 +16,7 @@ from firmware_py.system.state_directory import RECORD_FILES
 from firmware_py.system.store import Store
 
 
-def link_of(program: str) -> ProgramLink | None:
+def find_program_link(program: str) -> ProgramLink | None:
     """Return the program link by which this program was started, None if it was started otherwise."""
     return ProgramLink(Path(program)) if Path(program).is_absolute() and Path(program).is_symlink() else None
 
@@ -33,7 +33,7 @@ class TrialWatch:
         if self._trial is None:
             store.set_aside(RECORD_FILES)
         failed = None if link is None else link.failed()
-        self._since_s: float | None = None
+        self._start_s: float | None = None
         self.text = ""
         if self._trial is not None:
             self._report_text(Severity.NOTICE, f"On trial: {self._trial.name}, start {self._trial.starts} of {STARTS}")
@@ -44,9 +44,9 @@ class TrialWatch:
         """End the trial successfully after TRIAL_S; called after each tick."""
         if self._trial is None:
             return
-        if self._since_s is None:
-            self._since_s = now_s
-        if now_s - self._since_s >= TRIAL_S:
+        if self._start_s is None:
+            self._start_s = now_s
+        if now_s - self._start_s >= TRIAL_S:
             self._store.save(UPDATE_FILE, passed_text(self._trial.program).encode())
             self._store.set_aside(RECORD_FILES)
             self._report_text(Severity.NOTICE, f"Trial passed: {self._trial.name}")

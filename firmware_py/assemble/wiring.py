@@ -1,4 +1,4 @@
-"""Opens and wires all parts of a vehicle file."""
+"""Opens and connects all parts of the autopilot for a vehicle file."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from firmware_py import ROOT, __version__, ask_commit
+from firmware_py import ROOT, __version__, start_commit_query
 from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_port_warnings
-from firmware_py.assemble.logs import file_root, log_recorder, with_dates
-from firmware_py.assemble.nmea_outputs import feed_nmea_outputs, link_status_of, open_nmea_outputs
+from firmware_py.assemble.logs import file_root, log_recorder, with_corrected_times
+from firmware_py.assemble.nmea_outputs import connect_nmea_outputs, open_nmea_outputs, status_reader
 from firmware_py.assemble.status import report_status
-from firmware_py.assemble.stored_state import read_state, report_key_problem, resume, startup_parameters
+from firmware_py.assemble.stored_state import read_state, report_key_problem, resume, select_start_parameters
 from firmware_py.assemble.supervision import read_endings
 from firmware_py.common.interfaces import Clock
 from firmware_py.common.link_status import LinkStatus
@@ -67,12 +67,12 @@ class Options(msgspec.Struct, frozen=True):
     lockstep: str | None = None
     status: bool = False  # also in lockstep
     may_set_clock: bool = False
-    runtime: Path | None = None  # directory with the end of the last run, by service manager and autopilot
+    runtime: Path | None = None  # directory with the reports on the end of the last run
 
 
 @dataclass(slots=True)
 class Assembly:
-    """A wired autopilot; `close` closes links, log, store, lines and console, in that order."""
+    """A connected autopilot; `close` closes links, log, store, lines and console, in that order."""
 
     parts: LoopParts
     endpoint: Endpoint
@@ -82,7 +82,7 @@ class Assembly:
 
 
 def assemble(vehicle: Vehicle, options: Options) -> Assembly:
-    """Wire everything; raise PortError, StoreError or LinkError with the remedy if something cannot be opened.
+    """Open and connect all parts; raise PortError, StoreError or LinkError with the remedy if one cannot be opened.
 
     On any error, all opened parts are closed again.
     """
@@ -91,25 +91,26 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
 
 
 def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console, Endings]:
-    """Open and wire everything; `opened` closes it in reverse order."""
-    opened.callback(commit := ask_commit(ROOT))  # git runs while lines and state are opened
+    """Open and connect all parts; `opened` closes them in reverse order."""
+    opened.callback(commit := start_commit_query(ROOT))  # git runs while lines and state are opened
     console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
     opened.callback(close_all, lines := list(devices.lines))
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
-    stored, plans = read_state(options.state_directory, store, say := _reporter(console, notices))
+    say = _create_reporter(console, notices)
+    stored, plans = read_state(options.state_directory, store, say)
     clock: Clock = RealClock()
     # The lockstep clock is created after the lines.
-    ashore = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    transports, outputs = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
+    satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
+    transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
     for text in shared_port_warnings(lines) if options.lockstep is None else ():
         say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
-    clock, begun = _clock(clock, options, lines, store)
+    clock, clock_start = _create_clock(clock, options, lines, store)
     endings = read_endings(store, options.runtime, clock.utc_s(), notices)
-    state = _start_state(vehicle, stored, plans, endings, begun.at(clock.now_s(), clock.utc_s()), say)
-    autopilot, vault, version = Autopilot(state, stored, begun), KeyVault(store), _version(commit())
+    state = _create_start_state(vehicle, stored, plans, endings, clock_start.at(clock.now_s(), clock.utc_s()), say)
+    autopilot, vault, version = Autopilot(state, stored, clock_start), KeyVault(store), _read_version(commit())
     recorder = log_recorder(options.state_directory, state.parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
@@ -125,14 +126,14 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         start_events=notices,
     )
     opened.callback(endpoint.close)
-    vault.on_mount(_late_key_handler(endpoint, options.state_directory, say))
+    vault.on_mount(_create_late_key_handler(endpoint, options.state_directory, say))
     notices += (event for event in endpoint.start_events if event not in notices)
     parts = LoopParts(
         clock=clock,
         autopilot=autopilot,
         compass=devices.compass,
         compass_b=devices.compass_b,
-        position=with_dates(devices.position, clock, options.state_directory, say),
+        position=with_corrected_times(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
         power=devices.power,
         vessels=devices.vessels,
@@ -140,23 +141,23 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         recorder=recorder,
         store=store,
         lines=lines,
-        print_event=_event_printer(console, clock),
+        print_event=_create_event_printer(console, clock),
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
         notices=notices,
         tick_on_compass=options.lockstep is None,
     )
-    links = link_status_of(endpoint, outputs)
+    links = status_reader(endpoint, outputs)
     _wire_reports(vehicle, options, parts, links, version.commit, console, opened)
-    feed_nmea_outputs(outputs, parts)
+    connect_nmea_outputs(outputs, parts)
     return parts, endpoint, console, endings
 
 
-def _start_state(
+def _create_start_state(
     vehicle: Vehicle, stored: StateDirectory, plans: Plans, endings: Endings, now: Moment, say: Callable[[str], None]
 ) -> State:
     base = vehicle_parameters(vehicle)
-    parameters = startup_parameters(stored.parameters_over(base), base, endings.early, say)
+    parameters = select_start_parameters(stored.parameters_over(base), base, endings.early, say)
     return resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
 
 
@@ -176,14 +177,14 @@ def _wire_reports(
         parts.store.set_aside(RECORD_FILES)
 
 
-def _clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:
-    """Return the clock (in lockstep that of the HIL), and its zero by the monotonic clock of the machine."""
+def _create_clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:
+    """Return the clock (in lockstep that of the HIL), and the moment of its zero by the clock of the computer."""
     if options.lockstep is None:
         return real, Moment(0.0, boot_id(), machine_s() - real.now_s())
-    return _lockstep_clock(options.lockstep, lines, store), Moment(0.0, LOCKSTEP_BOOT)
+    return _create_lockstep_clock(options.lockstep, lines, store), Moment(0.0, LOCKSTEP_BOOT)
 
 
-def _reporter(console: Console, notices: list[Event]) -> Callable[[str], None]:
+def _create_reporter(console: Console, notices: list[Event]) -> Callable[[str], None]:
     """Return a function that prints a text and reports it with the next tick."""
 
     def say(text: str) -> None:
@@ -193,11 +194,13 @@ def _reporter(console: Console, notices: list[Event]) -> Callable[[str], None]:
     return say
 
 
-def _event_printer(console: Console, clock: Clock) -> Callable[[Event], None]:
+def _create_event_printer(console: Console, clock: Clock) -> Callable[[Event], None]:
     return lambda event: console.event(f"{clock.now_s():10.3f} {event.severity.name.lower():8}", event.text)
 
 
-def _late_key_handler(endpoint: Endpoint, directory: Path, say: Callable[[str], None]) -> Callable[[Stored], None]:
+def _create_late_key_handler(
+    endpoint: Endpoint, directory: Path, say: Callable[[str], None]
+) -> Callable[[Stored], None]:
     """Return the handler of the signing key on a disk that is mounted after the start."""
 
     def use_key(stored: Stored) -> None:
@@ -207,7 +210,7 @@ def _late_key_handler(endpoint: Endpoint, directory: Path, say: Callable[[str], 
     return use_key
 
 
-def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepClock:
+def _create_lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepClock:
     return LockstepClock(
         path,
         [line.name for line in lines],
@@ -221,7 +224,7 @@ def _open_links(
     vehicle: Vehicle,
     options: Options,
     lines: list[Line],
-    ashore: SatelliteSupport,
+    satellite_support: SatelliteSupport,
     say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:
@@ -237,12 +240,12 @@ def _open_links(
     transports: list[Transport] = []
     for url in urls:
         if not url.startswith(NMEA):
-            transports.append(open_transport(url, open_line, ashore, say=say))
+            transports.append(open_transport(url, open_line, satellite_support, say=say))
             opened.callback(transports[-1].close)
     return transports, open_nmea_outputs(urls, open_line, say, opened)
 
 
-def _version(commit: str) -> Version:
+def _read_version(commit: str) -> Version:
     """Return the version and commit of the program, and an id of the computer."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:

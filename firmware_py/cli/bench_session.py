@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.assemble.devices import Line, line_of, line_views_of, shared_port_warnings
+from firmware_py.assemble.devices import Line, create_line, share_line, shared_port_warnings
 from firmware_py.common.interfaces import Compass, Position, Power, Rudder, Vessels
 from firmware_py.common.records import (
     DeviceHealth,
@@ -83,7 +83,7 @@ _FORMATTERS: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
     """Open the port that these devices share and create their drivers; on failure set the error of each device."""
     devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
-    line = line_of(group[0][1].port, group[0][1].baud)
+    line = create_line(group[0][1].port, group[0][1].baud)
     try:
         line.open()
     except PortError as error:
@@ -94,7 +94,7 @@ def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
     for text in shared_port_warnings([line]):
         for device in devices:
             device.error = text
-    for device, (section, entry), view in zip(devices, group, line_views_of(line, len(group)), strict=True):
+    for device, (section, entry), view in zip(devices, group, share_line(line, len(group)), strict=True):
         device.driver = SECTIONS[section][entry.driver].make(view, entry.options)
     return devices
 

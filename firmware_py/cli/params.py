@@ -11,7 +11,7 @@ from firmware_py.cli import parameter_page
 from firmware_py.cli.errors import print_error
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
-from firmware_py.common.parameters import MAX_NAME_LENGTH, format_file, format_value, near, parse_file
+from firmware_py.common.parameters import MAX_NAME_LENGTH, format_file, format_value, parse_file, similar_names
 from firmware_py.faults import page as faults
 from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.files import parameter_json
@@ -110,7 +110,9 @@ def _explain(name: str) -> int:
     """Print the row of a parameter, or an error with similar names."""
     index = INDEX.get(name.upper())
     if index is None:
-        return print_error("params", f"no parameter or file {name!r}; similar parameters: {', '.join(near(name))}")
+        return print_error(
+            "params", f"no parameter or file {name!r}; similar parameters: {', '.join(similar_names(name))}"
+        )
     row = TABLE[index]
     print(f"{row.name}: {row.text}")
     print(f"default   {format_value(row.default)} {row.unit}".rstrip())

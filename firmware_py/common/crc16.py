@@ -1,6 +1,6 @@
 """CRC-16 checksums by fastcrc, or in Python on computers for which fastcrc is not available.
 
-Names and parameters follow the catalogue of CRC algorithms (reveng): polynomial, start value, reflection.
+Names and parameters follow the catalogue of CRC algorithms (reveng): polynomial, initial value, reflection.
 """
 
 from __future__ import annotations
@@ -10,27 +10,27 @@ from collections.abc import Callable
 Checksum = Callable[[bytes], int]
 
 
-def table_checksum(polynomial: int, start: int, *, reflected: bool) -> Checksum:
-    """Return a table-driven checksum function; it takes 30 times as long as fastcrc."""
-    table = [_entry(polynomial, byte, reflected=reflected) for byte in range(256)]
+def table_checksum(polynomial: int, initial: int, *, reflected: bool) -> Checksum:
+    """Return a table-driven checksum function; its computing time is 30 times that of fastcrc."""
+    table = [_table_entry(polynomial, byte, reflected=reflected) for byte in range(256)]
 
-    def of_reflected(data: bytes) -> int:
-        value = start
+    def compute_reflected(data: bytes) -> int:
+        value = initial
         for byte in data:
             value = value >> 8 ^ table[(value ^ byte) & 0xFF]
         return value
 
-    def of_plain(data: bytes) -> int:
-        value = start
+    def compute_plain(data: bytes) -> int:
+        value = initial
         for byte in data:
             value = (value << 8 & 0xFFFF) ^ table[value >> 8 ^ byte]
         return value
 
-    return of_reflected if reflected else of_plain
+    return compute_reflected if reflected else compute_plain
 
 
-def _entry(polynomial: int, byte: int, *, reflected: bool) -> int:
-    """Return the table entry of a byte; a reflected polynomial has its bits reversed."""
+def _table_entry(polynomial: int, byte: int, *, reflected: bool) -> int:
+    """Return the table entry of a byte; the bits of a reflected polynomial are in reversed order."""
     value = byte if reflected else byte << 8
     for _ in range(8):
         if reflected:
@@ -41,11 +41,11 @@ def _entry(polynomial: int, byte: int, *, reflected: bool) -> int:
 
 
 try:
-    from fastcrc import crc16 as _fast
+    from fastcrc import crc16 as _fastcrc
 except ImportError:
-    _fast = None  # type: ignore[assignment]
+    _fastcrc = None  # type: ignore[assignment]
 
-cms: Checksum = table_checksum(0x8005, 0xFFFF, reflected=False) if _fast is None else _fast.cms
-umts: Checksum = table_checksum(0x8005, 0x0000, reflected=False) if _fast is None else _fast.umts
-xmodem: Checksum = table_checksum(0x1021, 0x0000, reflected=False) if _fast is None else _fast.xmodem
-mcrf4xx: Checksum = table_checksum(0x8408, 0xFFFF, reflected=True) if _fast is None else _fast.mcrf4xx
+cms: Checksum = table_checksum(0x8005, 0xFFFF, reflected=False) if _fastcrc is None else _fastcrc.cms
+umts: Checksum = table_checksum(0x8005, 0x0000, reflected=False) if _fastcrc is None else _fastcrc.umts
+xmodem: Checksum = table_checksum(0x1021, 0x0000, reflected=False) if _fastcrc is None else _fastcrc.xmodem
+mcrf4xx: Checksum = table_checksum(0x8408, 0xFFFF, reflected=True) if _fastcrc is None else _fastcrc.mcrf4xx

@@ -1,7 +1,7 @@
 """Distances, bearings, lines and offsets on a spherical earth.
 
-Great circles are exact on the sphere; its error against the ellipsoid is at most 0.6 % of a distance. Three planes
-serve for places near each other: the tangential plane (`offset_m`), the mid-latitude approximation (`nearby_offset_m`,
+Great circles are exact on the sphere; its error against the ellipsoid is at most 0.6 % of a distance. Nearby places
+have three plane approximations: the tangential plane (`offset_m`), the mid-latitude approximation (`nearby_offset_m`,
 fast), and the local frame of MAVLink (`local_offset_m` and its inverse `at_local_offset`).
 """
 
@@ -16,9 +16,9 @@ from firmware_py.common.angles import clamp, wrap_two_pi
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]
 MIN_COS_LATITUDE = 1e-3  # 6 km from a pole
-UNSET_RAD = 1e-6  # 6 m
-HIGHEST_LATITUDE_RAD = math.radians(89.9)
-SHORTEST_LINE = 1e-9  # earth radii; a line of 6 mm has no direction
+UNSET_RAD = 1e-6  # 6 m; a receiver without a fix may send 0 N 0 E
+MAX_LATITUDE_RAD = math.radians(89.9)
+MIN_LINE_RADII = 1e-9  # minimum length of a line, 6 mm, in earth radii; a shorter one has no defined course
 
 
 class Place(msgspec.Struct, frozen=True):
@@ -71,17 +71,17 @@ class Place(msgspec.Struct, frozen=True):
     def at_local_offset(self, north_m: float, east_m: float) -> Place | None:
         """Return the place at an offset in the local frame of MAVLink; None beyond a pole."""
         latitude_rad = self.latitude_rad + north_m / EARTH_RADIUS_M
-        shrink = math.cos(self.latitude_rad)
-        if not (abs(latitude_rad) < math.pi / 2.0 and shrink > MIN_COS_LATITUDE):
+        cos_latitude = math.cos(self.latitude_rad)
+        if not (abs(latitude_rad) < math.pi / 2.0 and cos_latitude > MIN_COS_LATITUDE):
             return None
-        longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
+        longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * cos_latitude)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
     def at_offset(self, north_m: float, east_m: float) -> Place:
         """Return the place at an offset of up to some kilometres."""
         latitude_rad = clamp(self.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
-        shrink = max(math.cos(latitude_rad), 1e-6)
-        longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
+        cos_latitude = max(math.cos(latitude_rad), 1e-6)
+        longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * cos_latitude)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
 
@@ -89,7 +89,7 @@ def is_possible_position(latitude_rad: float, longitude_rad: float) -> bool:
     """Return whether a position is possible; False for NaN and for 0 N 0 E, which means unknown."""
     if abs(latitude_rad) < UNSET_RAD and abs(longitude_rad) < UNSET_RAD:
         return False
-    return abs(latitude_rad) <= HIGHEST_LATITUDE_RAD and abs(longitude_rad) <= math.pi
+    return abs(latitude_rad) <= MAX_LATITUDE_RAD and abs(longitude_rad) <= math.pi
 
 
 class Track(msgspec.Struct, frozen=True):
@@ -100,11 +100,11 @@ class Track(msgspec.Struct, frozen=True):
     course_rad: float
 
 
-def _vector(place: Place) -> Vector:
-    shrink = math.cos(place.latitude_rad)
+def _unit_vector(place: Place) -> Vector:
+    cos_latitude = math.cos(place.latitude_rad)
     return (
-        shrink * math.cos(place.longitude_rad),
-        shrink * math.sin(place.longitude_rad),
+        cos_latitude * math.cos(place.longitude_rad),
+        cos_latitude * math.sin(place.longitude_rad),
         math.sin(place.latitude_rad),
     )
 
@@ -117,30 +117,32 @@ def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def track(start: Place, end: Place, here: Place) -> Track | None:
+def track(start: Place, end: Place, position: Place) -> Track | None:
     """Return the position relative to the great circle from start to end; None if these coincide or are antipodal."""
-    a, b, p = _vector(start), _vector(end), _vector(here)
+    a, b, p = _unit_vector(start), _unit_vector(end), _unit_vector(position)
     normal = _cross(a, b)
     length = math.sqrt(_dot(normal, normal))
-    if length < SHORTEST_LINE:
+    if length < MIN_LINE_RADII:
         return None
     n = (normal[0] / length, normal[1] / length, normal[2] / length)
-    off = _dot(p, n)
-    foot = (p[0] - off * n[0], p[1] - off * n[1], p[2] - off * n[2])
-    size = math.sqrt(_dot(foot, foot))
-    if size < SHORTEST_LINE:
+    normal_part = _dot(p, n)
+    projection = (p[0] - normal_part * n[0], p[1] - normal_part * n[1], p[2] - normal_part * n[2])
+    projection_length = math.sqrt(_dot(projection, projection))
+    if projection_length < MIN_LINE_RADII:
         return None
-    f = (foot[0] / size, foot[1] / size, foot[2] / size)
+    f = (projection[0] / projection_length, projection[1] / projection_length, projection[2] / projection_length)
     remaining_rad = math.atan2(_dot(_cross(f, b), n), _dot(f, b))
     return Track(
-        -EARTH_RADIUS_M * math.asin(clamp(off, -1.0, 1.0)),
+        -EARTH_RADIUS_M * math.asin(clamp(normal_part, -1.0, 1.0)),
         EARTH_RADIUS_M * remaining_rad,
         _course(f, _cross(n, f)),
     )
 
 
-def _course(at: Vector, along: Vector) -> float:
-    """Return the course of a tangent vector."""
-    shrink = math.hypot(at[0], at[1])
-    east = (-at[1] / shrink, at[0] / shrink, 0.0) if shrink > SHORTEST_LINE else (0.0, 1.0, 0.0)
-    return wrap_two_pi(math.atan2(_dot(along, east), _dot(along, _cross(at, east))))
+def _course(point: Vector, tangent: Vector) -> float:
+    """Return the course of a tangent vector at a point."""
+    cos_latitude = math.hypot(point[0], point[1])
+    east = (
+        (-point[1] / cos_latitude, point[0] / cos_latitude, 0.0) if cos_latitude > MIN_LINE_RADII else (0.0, 1.0, 0.0)
+    )
+    return wrap_two_pi(math.atan2(_dot(tangent, east), _dot(tangent, _cross(point, east))))

@@ -64,7 +64,7 @@ class Device(Protocol):
         """The descriptor that `receive` reads, or -1."""
 
     def receive(self, now_s: float) -> None:
-        """Read and decode the available bytes, with time stamp now_s; bounded work."""
+        """Read and decode the available bytes, a bounded number, with time stamp now_s."""
 
     def health(self, now_s: float) -> DeviceHealth:
         """State and counters of the device at now_s."""
@@ -81,7 +81,7 @@ class Calibrator(Protocol):
     """A compass with a calibration of its own, during which it gives no headings."""
 
     def calibrate(self, now_s: float) -> bool:
-        """Start; False if it is running or the compass is missing."""
+        """Start the calibration; False if it is running or the compass is missing."""
 
     def calibration(self) -> Calibration:
         """Progress, or result of the last calibration."""
@@ -195,7 +195,7 @@ class StateWriter(Protocol):
         """Store changed parameters."""
 
     def clear_parameters(self) -> None:
-        """Forget all parameters that were set, or none when this cannot be stored."""
+        """Delete all parameters that were set; none if this cannot be stored."""
 
     def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
         """Replace the stored plan of a kind; `done` is called with False if that fails and the old one remains."""
@@ -206,7 +206,7 @@ class StateWriter(Protocol):
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
         """Call back on the loop's thread when the parameters are on disk (True) or cannot be stored (False).
 
-        The resume record, which some of them change, too.
+        The same applies to the resume record, which some parameters change.
         """
 
     def when_resume_stored(self, call: Callable[[bool], None]) -> None:
@@ -260,11 +260,11 @@ class Link(Protocol):
 class Recorder(Protocol):
     """The onboard log."""
 
-    def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
+    def offer(self, inputs: Inputs, output: Output, previous_state: Callable[[], str]) -> None:
         """Queue a tick without blocking, or drop and count it.
 
-        `before` returns the state before this tick as text; it is called only if the log needs a checkpoint (in a new
-        file, or after a dropped tick).
+        `previous_state` returns the state before this tick as text; it is called only if the log needs a checkpoint (in
+        a new file, or after a dropped tick).
         """
 
     def health(self, now_s: float) -> DeviceHealth:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import msgspec
 
-# Reasons of failed satellite sessions. Source: ISU AT Command Reference, MO session status of +SBDIX.
-_SESSION_ENDINGS: Mapping[int, str] = {
+# Reasons why satellite sessions failed. Source: ISU AT Command Reference, MO session status of +SBDIX.
+_SESSION_ERRORS: Mapping[int, str] = {
     10: "no end in time",
     11: "gateway's queue full",
     12: "too many segments",
@@ -28,11 +28,11 @@ _SESSION_ENDINGS: Mapping[int, str] = {
 }
 
 
-def session_ending(status: int | None) -> str:
-    """Return the reason of a failed session with its status number; `status` is None if the modem gave none."""
+def session_error_text(status: int | None) -> str:
+    """Return the reason of a failed session with its status number; `status` is None without a reply of the modem."""
     if status is None:
         return "modem fell silent"
-    return f"status {status}, {_SESSION_ENDINGS.get(status, 'not known')}"
+    return f"status {status}, {_SESSION_ERRORS.get(status, 'not known')}"
 
 
 class PeerStatus(msgspec.Struct, frozen=True):

@@ -1,4 +1,4 @@
-"""Option records whose fields carry range and description, for checks of a file and for the reference pages."""
+"""Option records whose fields have a range and a description, for checks of files and for the reference pages."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ def option(
 
 def meanings(kind: type[Any]) -> dict[str, OptionMeaning]:
     """Return the options of a record by name, in order."""
-    return {row.name: _meaning(row) for row in fields(kind)}
+    return {row.name: _meaning_of(row) for row in fields(kind)}
 
 
 def check(record: Any) -> None:
     """Raise ValueError with a line for each option that is out of range."""
     types = get_type_hints(type(record))
-    problems = (_problem(getattr(record, row.name), row, types[row.name]) for row in fields(record))
-    if wrong := [problem for problem in problems if problem]:
-        raise ValueError("\n".join(wrong))
+    texts = (_problem_of(getattr(record, row.name), row, types[row.name]) for row in fields(record))
+    if problems := [text for text in texts if text]:
+        raise ValueError("\n".join(problems))
 
 
-def _problem(value: Any, row: Field[Any], kind: Any) -> str:
+def _problem_of(value: Any, row: Field[Any], kind: Any) -> str:
     """Return the problem with the value of an option, empty if there is none."""
-    meaning = _meaning(row)
+    meaning = _meaning_of(row)
     if isinstance(value, tuple):
         unknown = [item for item in value if meaning.choices and item not in meaning.choices]
         return (
@@ -72,65 +72,65 @@ def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     rows = {row.name: row for row in fields(kind)}  # type: ignore[arg-type]
     problems = [f"{name}{MISSING_TEXT}" for name, row in rows.items() if name not in values and row.default is MISSING]
     types = get_type_hints(kind)
-    read: dict[str, Any] = {}
+    checked: dict[str, Any] = {}
     for name, value in values.items():
         try:
-            read[name] = _READERS[types[name]](value, rows[name])
+            checked[name] = _READERS[types[name]](value, rows[name])
         except ValueError as error:
             problems.append(str(error))
         else:
-            problems += filter(None, [_problem(read[name], rows[name], types[name])])
+            problems += filter(None, [_problem_of(checked[name], rows[name], types[name])])
     if problems:
         raise ValueError("\n".join(problems))
-    return kind(**read)
+    return kind(**checked)
 
 
-def _meaning(row: Field[Any]) -> OptionMeaning:
+def _meaning_of(row: Field[Any]) -> OptionMeaning:
     meaning: OptionMeaning = row.metadata[_KEY]
     return meaning
 
 
-def _text(value: Any, row: Field[Any]) -> str:
+def _read_text(value: Any, row: Field[Any]) -> str:
     if not isinstance(value, str) or not value:
         raise ValueError(f"{row.name}: expected a text in quotes")
     return value
 
 
-def _flag(value: Any, row: Field[Any]) -> bool:
+def _read_flag(value: Any, row: Field[Any]) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"{row.name}: expected true or false")  # noqa: TRY004 - ValueError for all problems
     return value
 
 
-def _number(value: Any, row: Field[Any]) -> float:
+def _read_number(value: Any, row: Field[Any]) -> float:
     try:
         number = math.nan if isinstance(value, (bool, str)) else float(value)
     except (TypeError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        meaning = _meaning(row)
+        meaning = _meaning_of(row)
         raise ValueError(f"{row.name}: expected a number from {meaning.minimum:g} to {meaning.maximum:g}")
     return number
 
 
-def _whole(value: Any, row: Field[Any]) -> int:
-    number = _number(value, row)
+def _read_integer(value: Any, row: Field[Any]) -> int:
+    number = _read_number(value, row)
     if number != int(number):
         raise ValueError(f"{row.name}: {value} is not a whole number")
     return int(number)
 
 
-def _texts(value: Any, row: Field[Any]) -> tuple[str, ...]:
+def _read_texts(value: Any, row: Field[Any]) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
         raise ValueError(f"{row.name}: expected a list of texts")
     return tuple(value)
 
 
 _READERS: Mapping[Any, Callable[[Any, Field[Any]], Any]] = {
-    str: _text,
-    bool: _flag,
-    int: _whole,
-    float: _number,
-    float | None: _number,
-    tuple[str, ...]: _texts,
+    str: _read_text,
+    bool: _read_flag,
+    int: _read_integer,
+    float: _read_number,
+    float | None: _read_number,
+    tuple[str, ...]: _read_texts,
 }

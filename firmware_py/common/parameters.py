@@ -10,7 +10,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 
 MAX_NAME_LENGTH = 16
 MAX_PROBLEMS = 20  # reported for one file
-_WORDS: Mapping[str, frozenset[str]] = {name: frozenset(name.split("_")) for name in INDEX}
+_WORDS_BY_NAME: Mapping[str, frozenset[str]] = {name: frozenset(name.split("_")) for name in INDEX}
 
 
 class ParameterSet:
@@ -56,18 +56,18 @@ class ParameterSet:
 
 
 def index_of(name: str) -> int:
-    """Return the row number of a name, or raise ParameterError with near names."""
+    """Return the row number of a name, or raise ParameterError with similar names."""
     index = INDEX.get(name)
     if index is None:
-        raise ParameterError(f"unknown parameter {name[:30]!r}; near it: {', '.join(near(name))}")
+        raise ParameterError(f"unknown parameter {name[:30]!r}; near it: {', '.join(similar_names(name))}")
     return index
 
 
-def near(name: str) -> tuple[str, ...]:
+def similar_names(name: str) -> tuple[str, ...]:
     """Return the three most similar names of the table: by common words, then by common prefix."""
-    upper = name[:MAX_NAME_LENGTH].upper()
-    words = frozenset(upper.split("_"))
-    similarity = {row: (-len(words & _WORDS[row]), -_common_prefix(row, upper), row) for row in INDEX}
+    upper_name = name[:MAX_NAME_LENGTH].upper()
+    words = frozenset(upper_name.split("_"))
+    similarity = {row: (-len(words & _WORDS_BY_NAME[row]), -_common_prefix(row, upper_name), row) for row in INDEX}
     return tuple(sorted(INDEX, key=similarity.__getitem__)[:3])
 
 
@@ -81,11 +81,11 @@ def _common_prefix(first: str, second: str) -> int:
 
 
 def parse_file(text: str, source: str) -> dict[str, float]:
-    """Read a ground station's parameter file into {name: checked value}.
+    """Read a parameter file of a ground station into {name: checked value}.
 
-    Accepts MAVProxy's and Mission Planner's `NAME VALUE` or `NAME,VALUE` and
-    QGroundControl's `SYSTEM COMPONENT NAME VALUE TYPE`; `#` starts a comment. Raises
-    ParameterError with source, line number and reason for each invalid line.
+    Accepts the formats of MAVProxy and Mission Planner (`NAME VALUE` or `NAME,VALUE`) and of QGroundControl (`SYSTEM
+    COMPONENT NAME VALUE TYPE`); `#` starts a comment. Raises ParameterError with source, line number and reason for
+    each invalid line.
     """
     values: dict[str, float] = {}
     problems: list[str] = []

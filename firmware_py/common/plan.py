@@ -1,6 +1,6 @@
 """Plans: a mission, a fence or the rally points, as immutable lists of items.
 
-Items hold the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because ground stations must get them back
+Items contain the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because ground stations must get them back
 unchanged; guidance converts them. Items are counted from 0. The link adds the home that ArduPilot's ground stations
 expect as item 0 of a mission; all texts count like the ground stations (`first_item_number`).
 """
@@ -36,7 +36,7 @@ class PlanKind(IntEnum):
     RALLY = 2
 
 
-_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA, of LNK_IDENTITY
+_ARDUPILOT_IDENTITY = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA, of LNK_IDENTITY
 
 
 def first_item_number(identity: int, kind: PlanKind) -> int:
@@ -44,7 +44,7 @@ def first_item_number(identity: int, kind: PlanKind) -> int:
 
     It is 1 for missions with ArduPilot's ground stations, where item 0 is home. `identity` is LNK_IDENTITY.
     """
-    return int(identity == _ARDUPILOT and kind is PlanKind.MISSION)
+    return int(identity == _ARDUPILOT_IDENTITY and kind is PlanKind.MISSION)
 
 
 class PlanItem(msgspec.Struct, frozen=True):
@@ -66,7 +66,7 @@ def place_of(item: PlanItem) -> Place | None:
     return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
 
 
-def number(value: float, low: float, high: float) -> float:
+def limit_number(value: float, low: float, high: float) -> float:
     """Return a parameter limited to its range; NaN counts as 0."""
     return min(max(0.0 if math.isnan(value) else value, low), high)
 
@@ -99,8 +99,8 @@ def _unpack(data: bytes) -> tuple[PlanItem, ...]:
 class Plan:
     """An immutable plan; `identity` is the opaque id of MAVLink: a checksum of the items, 0 for an empty plan.
 
-    Plans are compared by identity, because items may hold NaN. It is not a Struct because it is encoded packed, with
-    its checksum (`as_plain`).
+    Plans are compared by identity, because items may contain NaN. It is not a Struct, because it is encoded in packed
+    form with its checksum (`as_plain`).
     """
 
     __slots__ = ("identity", "items", "kind")
@@ -135,7 +135,7 @@ class Plan:
 
 
 class Plans(msgspec.Struct, frozen=True):
-    """The plans in force, one of each kind."""
+    """The active plans, one of each kind."""
 
     mission: Plan = Plan(PlanKind.MISSION)
     fence: Plan = Plan(PlanKind.FENCE)
@@ -151,7 +151,7 @@ class Plans(msgspec.Struct, frozen=True):
 
 
 def as_plain(plan: Plan) -> dict[str, Any]:
-    """Return a plan as plain values with packed items, because 2000 records would take as long as a tick."""
+    """Return a plan as plain values with packed items, because encoding 2000 records takes as long as a tick."""
     items = base64.b64encode(_pack(plan.items)).decode()
     return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 MAX_NOTES = 50
-LARGEST_WHOLE = 1 << 1023  # fits into a double
+MAX_INTEGER = 1 << 1023  # fits into a double
 
 
 class Location(msgspec.Struct, frozen=True):
@@ -34,7 +34,7 @@ class Location(msgspec.Struct, frozen=True):
 
 def number(data: Any) -> Any:
     """Return a number unchanged; ValueError for anything else."""
-    if type(data) is not float and (type(data) is not int or abs(data) > LARGEST_WHOLE):
+    if type(data) is not float and (type(data) is not int or abs(data) > MAX_INTEGER):
         raise ValueError(f"expected a number, found {abbreviated(data)}")
     return data
 

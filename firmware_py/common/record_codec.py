@@ -6,12 +6,12 @@ their numbers; a class of a union needs `tag=True`. NamedTuples of the numeric c
 written by name, too; null in one of their fields is its default. Arrays of floats in them are written as lists, and
 read in the shape of the default.
 
-Encoded records outlive the version that wrote them:
+Encoded records can be read by later versions:
 
 * A missing field takes its default.
 * An unknown field is ignored and reported with its path.
 * A field whose value cannot be used is ignored and reported; its default applies. Where it has no default, the record
-  that holds it is ignored in the same way. ValueError says why the outermost record cannot be read.
+  that contains it is ignored in the same way. ValueError says why the outermost record cannot be read.
 * A field that was renamed is found under its former name (`FORMER_NAMES`). A renamed class of a union keeps its former
   name as its tag.
 """
@@ -35,12 +35,12 @@ from firmware_py.common.reading_notes import Location, abbreviated
 
 RecordT = TypeVar("RecordT")
 
-VERSION: Final = "version"  # beside the fields of the outermost record
+VERSION: Final = "version"  # key of the version number in the outermost record
 EARLY_TAG: Final = "$"  # the name of the class, in texts of early development versions
 MAX_REPAIRS: Final = 100
-MAX_REASON_LENGTH: Final = 120  # of a reason
+MAX_REASON_LENGTH: Final = 120
 
-# By the name of the class: the former name of a field and its name of today.
+# By the name of the class: former and present names of fields.
 FORMER_NAMES: dict[str, dict[str, str]] = {
     "AsideState": {"going_on": "unchanged", "told": "is_refusal_reported"},
     "Block": {"shown_rad": "compass_rad"},
@@ -50,6 +50,7 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "Evidence": {"telling_s": "turn_time_s"},
     "HalfCycle": {"turned": "is_turn"},
     "HeadingTick": {"silent": "uncorrected", "silent_s": "uncorrected_s", "swing_rad2": "wave_yaw_rad2"},
+    "LatchState": {"stood_s": "last_present_s"},
     "LastPosition": {"reckoning": "dead_reckoning"},
     "LoiterPlacement": {"asked_margin_m": "requested_margin_m", "found": "is_final"},
     "OscillationState": {
@@ -84,9 +85,11 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "TaskFollowerState": {"berth": "loiter_placement"},
 }
 
-_LOCATED = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)  # the last place: a value may look like one
+_ERROR_TEXT = re.compile(
+    r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL
+)  # the last match: a value may contain the same words
 _UNKNOWN_CLASS: Final = "Invalid value "
-_PART = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
+_PATH_ELEMENT = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 _TO_JSON = json.JSONEncoder(separators=(",", ":")).encode
 
 
@@ -199,12 +202,12 @@ def _check_version(plain: dict[str, Any], version: int, location: Location) -> N
 
 def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, location: Location) -> None:
     """Remove and report the field that msgspec refuses; ValueError if it is the outermost record."""
-    located = _LOCATED.fullmatch(str(error))
+    located = _ERROR_TEXT.fullmatch(str(error))
     reason, path = (str(error), "") if located is None else located.groups()
     reason = ascii(reason)[1:-1][:MAX_REASON_LENGTH]
     holders: list[tuple[Any, str, int]] = []  # each field of the path: its record, its name, its end in the path
     value: Any = plain
-    for part in _PART.finditer(path):
+    for part in _PATH_ELEMENT.finditer(path):
         if part[1] is not None:
             holders.append((value, part[1], part.end()))
             value = value.get(part[1])
@@ -233,9 +236,9 @@ def _visit_record(kind: Any, value: Any, location: Location, hooks: Hooks) -> An
         prepare(value, location)
     visits = _field_visits(kind)
     _drop_unknown(value, visits.keys() | {kind.__struct_config__.tag_field}, location)
-    for name, deeper in visits.items():
-        if deeper is not None and name in value:
-            value[name] = deeper(value[name], location.below(name), hooks)
+    for name, visit in visits.items():
+        if visit is not None and name in value:
+            value[name] = visit(value[name], location.below(name), hooks)
     return value
 
 
@@ -249,19 +252,19 @@ def _visit_named(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any
     _rename(kind, value)
     _drop_unknown(value, kind._fields, location)
     values, hints = [], typing.get_type_hints(kind)
-    for name, deeper in _field_visits(kind).items():
-        found, at = value.get(name), location.below(name)
-        if deeper is not None:
-            found = deeper(found, at, hooks)
-        if found is not None:
+    for name, visit in _field_visits(kind).items():
+        item, item_location = value.get(name), location.below(name)
+        if visit is not None:
+            item = visit(item, item_location, hooks)
+        if item is not None:
             try:
                 if isinstance(default := kind._field_defaults[name], np.ndarray):
-                    found = _array(found, default)
-                msgspec.convert(found, hints[name])
+                    item = _array(item, default)
+                msgspec.convert(item, hints[name])
             except msgspec.ValidationError as error:
-                at.note(f"{ascii(str(error))[1:-1][:MAX_REASON_LENGTH]}, ignored")
-                found = None
-        values.append(kind._field_defaults[name] if found is None else found)
+                item_location.note(f"{ascii(str(error))[1:-1][:MAX_REASON_LENGTH]}, ignored")
+                item = None
+        values.append(kind._field_defaults[name] if item is None else item)
     return values
 
 
@@ -287,17 +290,17 @@ def _drop_unknown(plain: dict[str, Any], known: Collection[str], location: Locat
 
 def _name_record(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
     """Convert the NamedTuples in an encoded record to dictionaries by name."""
-    for name, deeper in _field_visits(kind, naming=True).items():
-        if deeper is not None:
-            value[name] = deeper(value[name], location, hooks)
+    for name, visit in _field_visits(kind, naming=True).items():
+        if visit is not None:
+            value[name] = visit(value[name], location, hooks)
     return value
 
 
 def _name_values(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
     visits = _field_visits(kind, naming=True).items()
     return {
-        name: part if deeper is None else deeper(part, location, hooks)
-        for (name, deeper), part in zip(visits, value, strict=True)
+        name: part if visit is None else visit(part, location, hooks)
+        for (name, visit), part in zip(visits, value, strict=True)
     }
 
 
@@ -322,7 +325,7 @@ def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
     fields msgspec would write without names.
     """
     if isinstance(hint, type):
-        if issubclass(hint, msgspec.Struct):  # resolved later: a record may hold one of its own class
+        if issubclass(hint, msgspec.Struct):  # resolved later: a record may contain one of its own class
             return partial(_name_record if naming else _visit_record, hint)
         if names := getattr(hint, "_fields", None):
             if getattr(hint, "_field_defaults", {}).keys() != set(names):
@@ -337,14 +340,14 @@ def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
     if origin in (typing.Union, types.UnionType):
         return _union_visit([part for part in parts if part is not types.NoneType], naming=naming)
     if origin is tuple:
-        each = [_visit_of(part, naming=naming) for part in parts if part is not Ellipsis]
-        return _items_visit(each, repeated=parts[-1] is Ellipsis) if any(each) else None
+        visits = [_visit_of(part, naming=naming) for part in parts if part is not Ellipsis]
+        return _items_visit(visits, repeated=parts[-1] is Ellipsis) if any(visits) else None
     if (
         isinstance(origin, type)
         and issubclass(origin, Mapping)
-        and (one := _visit_of(parts[1], naming=naming)) is not None
+        and (visit_value := _visit_of(parts[1], naming=naming)) is not None
     ):
-        return _values_visit(one)
+        return _values_visit(visit_value)
     return None
 
 
@@ -352,33 +355,39 @@ def _union_visit(options: Sequence[Any], *, naming: bool) -> Visit | None:
     """Return the visitor of a union; records of several classes are distinguished by their tags."""
     records = [option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)]
     if len(records) < 2:
-        one = next((one for option in options if (one := _visit_of(option, naming=naming)) is not None), None)
-        return one and (lambda value, location, hooks: value if value is None else one(value, location, hooks))
+        visits = (_visit_of(option, naming=naming) for option in options)
+        record_visit = next((visit for visit in visits if visit is not None), None)
+        return record_visit and (
+            lambda value, location, hooks: value if value is None else record_visit(value, location, hooks)
+        )
     tag_field = records[0].__struct_config__.tag_field
     by_tag = {record.__struct_config__.tag: _visit_of(record, naming=naming) for record in records}
 
     def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         tag = value.get(tag_field) if isinstance(value, dict) else None
-        one = by_tag.get(tag) if isinstance(tag, str) else None
-        return value if one is None else one(value, location, hooks)
+        visit_class = by_tag.get(tag) if isinstance(tag, str) else None
+        return value if visit_class is None else visit_class(value, location, hooks)
 
     return visit
 
 
-def _items_visit(each: Sequence[Visit | None], *, repeated: bool) -> Visit:
+def _items_visit(item_visits: Sequence[Visit | None], *, repeated: bool) -> Visit:
     def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         if not isinstance(value, (list, tuple)):
             return value
-        visits = cycle(each) if repeated else chain(each, cycle((None,)))
-        return [item if one is None else one(item, location, hooks) for item, one in zip(value, visits, strict=False)]
+        visits = cycle(item_visits) if repeated else chain(item_visits, cycle((None,)))
+        return [
+            item if visit_item is None else visit_item(item, location, hooks)
+            for item, visit_item in zip(value, visits, strict=False)
+        ]
 
     return visit
 
 
-def _values_visit(one: Visit) -> Visit:
+def _values_visit(visit_item: Visit) -> Visit:
     def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         if not isinstance(value, dict):
             return value
-        return {name: one(item, location, hooks) for name, item in value.items()}
+        return {name: visit_item(item, location, hooks) for name, item in value.items()}
 
     return visit

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 _MEMORY = "out of memory; raise the limit (ulimit -v, MemoryMax)"
 _FILES = "too many open files; raise the limit (ulimit -n, LimitNOFILE)"
 _THREADS = "cannot start a thread or process; raise the limits (ulimit -u and -v, TasksMax)"
-_ROOM = "a disk is full (see df); free some space, or use paths on another disk"
+_DISK_FULL = "a disk is full (see df); free some space, or use paths on another disk"
 _BY_NUMBER = {
     errno.EMFILE: _FILES,
     errno.ENFILE: _FILES,
@@ -38,8 +38,8 @@ def system_error_text(error: BaseException) -> str:
         if isinstance(cause, FileNotFoundError) and _NO_TEMPORARY in str(cause):
             return f"{cause.strerror}; free some space, or set TMPDIR to a directory with space"
         if isinstance(cause, ImportError):
-            for words, text in _BY_LOADER_TEXT.items():
-                if words in str(cause):
+            for loader_text, text in _BY_LOADER_TEXT.items():
+                if loader_text in str(cause):
                     return text
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(error.start - 30, 0) : error.end]
@@ -47,7 +47,7 @@ def system_error_text(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; use another path"
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return _ROOM
+        return _DISK_FULL
     # Without a file name and apart from tempfile, only the working directory can be missing.
     if isinstance(error, FileNotFoundError) and error.errno == errno.ENOENT:
         return "the working directory no longer exists; change to another one"

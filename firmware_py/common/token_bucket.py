@@ -8,22 +8,22 @@ import math
 class TokenBucket:
     """A bucket of tokens (messages, bytes, ...) that is refilled at a constant rate."""
 
-    __slots__ = ("_burst", "_level", "_longest_s", "_rate_hz", "_updated_s")
+    __slots__ = ("_burst", "_level", "_max_elapsed_s", "_rate_hz", "_updated_s")
 
-    def __init__(self, burst: float, rate_hz: float, *, full: bool = True, longest_s: float = math.inf) -> None:
+    def __init__(self, burst: float, rate_hz: float, *, is_full: bool = True, max_elapsed_s: float = math.inf) -> None:
         """Create a bucket with capacity `burst` and fill rate `rate_hz`, full or empty.
 
-        Between two calls it gains at most the tokens of `longest_s`.
+        Between two calls, at most the tokens of `max_elapsed_s` are added.
         """
         self._burst = float(burst)
-        self._level = self._burst if full else 0.0
+        self._level = self._burst if is_full else 0.0
         self._rate_hz = rate_hz
-        self._longest_s = longest_s
+        self._max_elapsed_s = max_elapsed_s
         self._updated_s = 0.0
 
     def level(self, now_s: float) -> float:
         """Refill up to now and return the number of tokens; negative after overspending."""
-        elapsed_s = min(max(0.0, now_s - self._updated_s), self._longest_s)
+        elapsed_s = min(max(0.0, now_s - self._updated_s), self._max_elapsed_s)
         self._updated_s = now_s
         self._level = min(self._burst, self._level + elapsed_s * self._rate_hz)
         return self._level

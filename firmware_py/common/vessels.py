@@ -9,12 +9,12 @@ from enum import IntEnum
 
 import msgspec
 
-NAME_LETTERS = 20
-CALL_SIGN_LETTERS = 7
+MAX_NAME_CHARACTERS = 20
+MAX_CALL_SIGN_CHARACTERS = 7
 STATUS_UNKNOWN = 15
-STATUS_DISTRESS = 14  # an active AIS-SART, man overboard device or EPIRB
-BESIDE_S = 60.0  # a vessel at the place of the boat for this time cannot be avoided by another heading
-DISTRESS_DEVICES = frozenset((970, 972, 974))  # first three digits of the number (ITU-R M.585)
+STATUS_DISTRESS = 14  # of an active AIS-SART, man overboard device or EPIRB
+MIN_BESIDE_S = 60.0  # a vessel at the place of the boat for this time cannot be avoided by another heading
+DISTRESS_DEVICES = frozenset((970, 972, 974))  # first three digits of the MMSI (ITU-R M.585)
 
 
 class VesselKind(IntEnum):
@@ -65,19 +65,19 @@ VesselReport = VesselPosition | VesselIdentity
 
 
 def is_distress_number(mmsi: int) -> bool:
-    """Return whether the number belongs to an AIS-SART, a man overboard device or an EPIRB."""
+    """Return whether the MMSI belongs to an AIS-SART, a man overboard device or an EPIRB."""
     return mmsi // 1_000_000 in DISTRESS_DEVICES
 
 
-def merge(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
+def merge(earlier: VesselIdentity, later: VesselIdentity) -> VesselIdentity:
     """Merge the identities of two messages; the later one takes precedence."""
     return VesselIdentity(
-        after.t_s,
-        after.mmsi,
-        after.name or before.name,
-        after.call_sign or before.call_sign,
-        after.ship_type or before.ship_type,
-        after.dimensions_m or before.dimensions_m,
+        later.t_s,
+        later.mmsi,
+        later.name or earlier.name,
+        later.call_sign or earlier.call_sign,
+        later.ship_type or earlier.ship_type,
+        later.dimensions_m or earlier.dimensions_m,
     )
 
 
@@ -120,7 +120,7 @@ class Vessel(msgspec.Struct, frozen=True):
     @property
     def is_avoidable(self) -> bool:
         """Whether it is another vessel that is not at the place of the boat all the time."""
-        beside = self.beside_s is not None and self.position.t_s - self.beside_s >= BESIDE_S
+        beside = self.beside_s is not None and self.position.t_s - self.beside_s >= MIN_BESIDE_S
         return self.is_other_vessel and not beside
 
     @property
@@ -137,7 +137,7 @@ class Vessel(msgspec.Struct, frozen=True):
 
 
 class Traffic(msgspec.Struct, frozen=True):
-    """Known vessels, avoidance heading (None without avoidance), and number of vessels rejected by the full table."""
+    """Known vessels, avoidance heading (None without avoidance), and number of vessels that the full table rejected."""
 
     vessels: tuple[Vessel, ...] = ()
     aside_rad: float | None = None

@@ -10,7 +10,7 @@ from firmware_py.core.state import Settings, State
 from firmware_py.estimate.heading_estimator import heading_estimate
 from firmware_py.faults.table import Fault
 from firmware_py.guidance.steering import SteeringTarget
-from firmware_py.modes import live_bench, live_stick
+from firmware_py.modes import bench_deflection, stick_deflection
 
 
 def compute_rudder_demand(
@@ -19,13 +19,13 @@ def compute_rudder_demand(
     """Return the rudder demand [rad] and the state of the heading controller (IDLE while it does not steer)."""
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
-    if (deflection := live_bench(modes, now_s)) is not None:
+    if (deflection := bench_deflection(modes, now_s)) is not None:
         return deflection * limit_rad, IDLE
     rudder_by = MODES[modes.mode].rudder_by
     if not modes.armed or rudder_by is RudderBy.NOTHING:
         return 0.0, IDLE
     if rudder_by is RudderBy.STICK:
-        stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
+        stick = stick_deflection(modes, now_s, settings.guidance.stick_timeout_s)
         return (0.0 if stick is None else stick * limit_rad), IDLE
     if target.error_rad is not None:
         controller_input = HeadingControllerInput(

@@ -28,7 +28,7 @@ VERSION: Final = 9  # of the records in State; early development versions had 1 
 def state_to_text(state: State) -> str:
     """Return a state as one line of text."""
     plain = record_codec.to_plain(state, VERSION, HOOKS)
-    _name_times(plain["fault_latch"], "since_s", "stood_s")
+    _name_times(plain["fault_latch"], "since_s", "last_present_s")
     _name_bits(plain["fault_latch"], "active")
     failsafe = plain["supervisor"]["failsafe"]
     _name_bits(failsafe, "active", "calling")
@@ -91,7 +91,7 @@ def _number_bits(plain: dict[str, Any], location: Location, *fields: str) -> Non
 
 
 def _prepare_latch(plain: dict[str, Any], location: Location) -> None:
-    _number_times(plain, location, "since_s", "stood_s")
+    _number_times(plain, location, "since_s", "last_present_s")
     _number_bits(plain, location, "active")
 
 

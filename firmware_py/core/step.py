@@ -40,7 +40,7 @@ from firmware_py.faults.fault import Fault
 from firmware_py.guidance import guidance, guidance_reports
 from firmware_py.guidance.guidance import GuidanceInput
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
-from firmware_py.modes import Situation, live_bench
+from firmware_py.modes import Situation, bench_deflection
 from firmware_py.safety import energy_meter, power_monitor, rudder_monitor, supervisor, torque_release
 from firmware_py.safety.oscillation import OscillationInput
 from firmware_py.safety.steering_monitor import SteeringInput
@@ -130,7 +130,7 @@ def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step
 def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> State:
     """Return the state after the guidance of a tick."""
     heading_rad, motion = situation.heading_rad, None
-    if situation.place_known and situation.water is not None:
+    if situation.is_position_known and situation.water is not None:
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
         # Without a heading, the predicted heading is the best estimate for the motion.
         heading_rad = state.heading_estimator.heading.heading_rad
@@ -226,7 +226,7 @@ def _steer(
 
 def _needs_torque(settings: Settings, state: State, now_s: float) -> bool:
     """Return whether the servo needs torque: while armed, without RUD_DISARMED, or during a bench command."""
-    return state.modes.armed or not settings.rudder.released_disarmed or live_bench(state.modes, now_s) is not None
+    return state.modes.armed or not settings.rudder.released_disarmed or bench_deflection(state.modes, now_s) is not None
 
 
 def _change_events(previous: State, current: State) -> tuple[Event, ...]:

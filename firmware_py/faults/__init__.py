@@ -1,1 +1,1 @@
-"""Table of faults, and the latch that applies their debounce and clear times; pure."""
+"""Table of faults, and the latch that applies their debounce and clear times: pure functions."""

@@ -1,4 +1,4 @@
-"""Set and clear the faults of the table: debounce time, clear time and events."""
+"""Latch of the faults: applies debounce and clear times, and creates the events."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _CONDITIONS = tuple(row.is_present for row in TABLE.values())
 
 
 class LatchState(msgspec.Struct, frozen=True):
-    """Since when each condition has been present (None: not present), when it last was, and the faults, as bits."""
+    """Start and last time of each condition (None: neither it nor its fault is present), and the faults as bits."""
 
     since_s: tuple[float | None, ...] = (None,) * len(TABLE)
-    stood_s: tuple[float | None, ...] = (None,) * len(TABLE)
+    last_present_s: tuple[float | None, ...] = (None,) * len(TABLE)
     active: int = 0
 
     def is_set(self, fault: Fault) -> bool:
@@ -40,25 +40,25 @@ def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple
     """
     if not state.active and not any(conditions):
         return NO_FAULTS, ()
-    since: list[float | None] = []
-    stood: list[float | None] = []
+    start_times_s: list[float | None] = []
+    last_times_s: list[float | None] = []
     active = 0
     events: list[Event] = []
-    rows = zip(TABLE.items(), state.since_s, state.stood_s, conditions, strict=True)
-    for (fault, row), begun_s, before_s, is_present in rows:
+    rows = zip(TABLE.items(), state.since_s, state.last_present_s, conditions, strict=True)
+    for (fault, row), previous_start_s, previous_last_s, is_present in rows:
         was_set = state.is_set(fault)
-        last_s = now_s if is_present else before_s
-        kept = is_present or (was_set and last_s is not None and now_s - last_s < row.clear_s)
-        start_s = (now_s if begun_s is None else begun_s) if kept else None
-        since.append(start_s)
-        stood.append(last_s if kept else None)
+        last_s = now_s if is_present else previous_last_s
+        is_kept = is_present or (was_set and last_s is not None and now_s - last_s < row.clear_s)
+        start_s = (now_s if previous_start_s is None else previous_start_s) if is_kept else None
+        start_times_s.append(start_s)
+        last_times_s.append(last_s if is_kept else None)
         is_set = start_s is not None and (was_set or now_s - start_s >= row.debounce_s)
         active |= is_set << fault
         if is_set and not was_set:
             events.append(Event(row.severity, row.text))
         elif was_set and not is_set:
             events.append(Event(Severity.NOTICE, row.recovery))
-    return LatchState(tuple(since), tuple(stood), active), tuple(events)
+    return LatchState(tuple(start_times_s), tuple(last_times_s), active), tuple(events)
 
 
 def arming_refusal(active: int) -> str:

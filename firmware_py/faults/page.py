@@ -1,4 +1,4 @@
-"""params/FAULTS.md: the table of faults as a page."""
+"""Generates params/FAULTS.md, the table of faults as a page."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Logs have the faults as bits of the field `Flt`, numbered as below. MAVLink has 
 """
 
 
-def _effect(row: FaultRow) -> str:
+def _action_text(row: FaultRow) -> str:
     if not row.parameter:
         return row.action.value
     mode = FAILSAFE_MODES.get(int(PARAMETERS[INDEX[row.parameter]].default))
@@ -60,11 +60,11 @@ def _effect(row: FaultRow) -> str:
     return f"{first}`{row.parameter}`, by default {chosen}"
 
 
-def _names(chosen: Callable[[FaultRow], bool]) -> str:
-    return ", ".join(fault.name for fault, row in TABLE.items() if chosen(row))
+def _fault_names(is_selected: Callable[[FaultRow], bool]) -> str:
+    return ", ".join(fault.name for fault, row in TABLE.items() if is_selected(row))
 
 
-def _index() -> str:
+def _index_table() -> str:
     rows = sorted(TABLE.items(), key=lambda item: item[1].text)
     lines = (
         f"| {row.text} | {row.severity.name.lower()} | [{fault.name}](#{fault.name.lower()}) |" for fault, row in rows
@@ -72,7 +72,7 @@ def _index() -> str:
     return "\n".join(("| text | severity | section |", "| --- | --- | --- |", *lines))
 
 
-def _card(fault: Fault, row: FaultRow) -> Iterator[str]:
+def _section_lines(fault: Fault, row: FaultRow) -> Iterator[str]:
     yield from (
         f"## {fault.name}",
         "",
@@ -81,7 +81,7 @@ def _card(fault: Fault, row: FaultRow) -> Iterator[str]:
     )
     yield f"* What to do: {row.remedy}.".replace(" \n", "\n")
     yield f"* Condition: {row.condition}; set after {row.debounce_s:g} s, cleared after {row.clear_s:g} s."
-    yield f"* Action: {_effect(row)}."
+    yield f"* Action: {_action_text(row)}."
     if row.arming_refusal:
         yield f'* Arming is refused: "{row.arming_refusal}".'
     yield from (f'* When cleared: "{row.recovery}".', "")
@@ -90,10 +90,10 @@ def _card(fault: Fault, row: FaultRow) -> Iterator[str]:
 def markdown() -> str:
     """Return the page."""
     introduction = _INTRODUCTION.format(
-        index=_index(),
-        in_manual=_names(lambda row: row.acts_in_manual),
+        index=_index_table(),
+        in_manual=_fault_names(lambda row: row.acts_in_manual),
         precedence=", ".join(fault.name for fault in PRECEDENCE),
-        resuming=_names(lambda row: row.always_resumes),
+        resuming=_fault_names(lambda row: row.always_resumes),
     )
-    cards = (line for fault, row in TABLE.items() for line in _card(fault, row))
-    return "\n".join([introduction, *cards]).rstrip() + "\n"
+    sections = (line for fault, row in TABLE.items() for line in _section_lines(fault, row))
+    return "\n".join([introduction, *sections]).rstrip() + "\n"

@@ -11,7 +11,7 @@ from firmware_py.common.records import DeviceState, Severity
 
 
 class Action(Enum):
-    """What is done while a fault is set, whatever mode is chosen as well; the values are the texts of the page."""
+    """Action while a fault is set, beside the mode that a failsafe may choose; the values are texts of the page."""
 
     ALERT = "alert only (the boat reports it and continues its task)"
     HOLD_THEN_AMIDSHIPS = "hold the last rudder angle for CTL_HOLD_S, then centre the rudder"
@@ -31,8 +31,9 @@ class Action(Enum):
 class FaultInput(msgspec.Struct, frozen=True):
     """Inputs of the conditions in a tick.
 
-    `faults` are those set in the last tick, as bits. `_old`: past its timeout; heading and servo count from the start
-    if none has been received, a position only where it is needed. An age is None for what has never happened.
+    `faults` are those set in the last tick, as bits. `..._old`: the timeout has elapsed; for heading and servo also
+    without any data since the start, for a position then only if it is needed. An age is None if the event has never
+    happened.
     """
 
     faults: int
@@ -86,9 +87,9 @@ def exceeds(value: float | None, limit: float) -> bool:
     return value is not None and value > limit
 
 
-def within(age_s: float | None, memory_s: float) -> bool:
-    """Return whether an event has happened within memory_s."""
-    return age_s is not None and age_s <= memory_s
+def has_happened_within(age_s: float | None, max_age_s: float) -> bool:
+    """Return whether an event has happened has_happened_within max_age_s."""
+    return age_s is not None and age_s <= max_age_s
 
 
 class FaultRow(msgspec.Struct, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from typing import Final
 
 from firmware_py.common.records import DeviceState, Severity
 from firmware_py.faults.fault import Fault
-from firmware_py.faults.row import Action, FaultInput, FaultRow, exceeds, within
+from firmware_py.faults.row import Action, FaultInput, FaultRow, exceeds, has_happened_within
 
 LATE_MEMORY_S: Final = 2.0
 RESTART_MEMORY_S: Final = 5.0
@@ -23,27 +23,27 @@ CHARGE_MARGIN: Final = 0.05
 __all__ = ["PRECEDENCE", "TABLE", "Fault"]
 
 
-def servo_is_hot(tick: FaultInput) -> bool:
+def is_servo_hot(tick: FaultInput) -> bool:
     """Return whether the servo temperature exceeds its limit."""
     margin_c = TEMPERATURE_MARGIN_C if tick.is_set(Fault.RUDDER_HOT) else 0.0
     return exceeds(tick.servo_temperature_c, tick.servo_hot_c - margin_c)
 
 
-def supply_is_low(tick: FaultInput) -> bool:
+def is_supply_low(tick: FaultInput) -> bool:
     """Return whether the supply voltage at the servo is below its limit."""
     factor = VOLTAGE_MARGIN_FACTOR if tick.is_set(Fault.SUPPLY_LOW) else 1.0
     return tick.supply_v is not None and tick.supply_v < tick.supply_low_v * factor
 
 
-def storage_is_full(tick: FaultInput) -> bool:
-    """Return whether the disk is full; while the disk fails, the last result stands."""
+def is_storage_full(tick: FaultInput) -> bool:
+    """Return whether the disk is full; while the disk fails, the last result is kept."""
     return tick.storage is DeviceState.FULL or (tick.storage is DeviceState.FAULTY and tick.is_set(Fault.STORAGE_FULL))
 
 
-def battery_is_below(tick: FaultInput, fault: Fault, min_charge: float, min_v: float) -> bool:
+def is_battery_below(tick: FaultInput, fault: Fault, min_charge: float, min_v: float) -> bool:
     """Return whether charge or voltage of the battery is below its limit (0: no limit).
 
-    While neither is known, the last result stands.
+    While neither is known, the last result is kept.
     """
     was_below = tick.is_set(fault)
     results = []
@@ -112,7 +112,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.LOOP_LATE: FaultRow(
         condition="the control loop skipped deadlines within the last 2 s",
-        is_present=lambda tick: within(tick.late_age_s, LATE_MEMORY_S),
+        is_present=lambda tick: has_happened_within(tick.late_age_s, LATE_MEMORY_S),
         severity=Severity.WARNING,
         text="Control loop late: deadlines skipped",
         recovery="Control loop on time again",
@@ -251,7 +251,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.RUDDER_HOT: FaultRow(
         condition="the servo temperature exceeds RUD_TEMP_MAX (clears 5 deg below it)",
-        is_present=servo_is_hot,
+        is_present=is_servo_hot,
         debounce_s=2.0,
         clear_s=2.0,
         severity=Severity.WARNING,
@@ -274,7 +274,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.RUDDER_REPOWERED: FaultRow(
         condition="the servo restarted by itself within the last 5 s",
-        is_present=lambda tick: within(tick.servo_restart_age_s, RESTART_MEMORY_S),
+        is_present=lambda tick: has_happened_within(tick.servo_restart_age_s, RESTART_MEMORY_S),
         severity=Severity.WARNING,
         action=Action.CONFIGURE_SERVO,
         text="Rudder servo lost power: configured again",
@@ -284,7 +284,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.SUPPLY_LOW: FaultRow(
         condition="the supply voltage, measured by the servo, is below BAT_LOW_VOLT (clears 3 % above it)",
-        is_present=supply_is_low,
+        is_present=is_supply_low,
         debounce_s=5.0,
         clear_s=10.0,
         severity=Severity.ERROR,
@@ -298,7 +298,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.STORAGE_FULL: FaultRow(
         condition="less than LOG_FREE_MB free on the disk of the state directory; stays set while the disk fails",
-        is_present=storage_is_full,
+        is_present=is_storage_full,
         debounce_s=2.0,
         clear_s=10.0,
         severity=Severity.WARNING,
@@ -362,7 +362,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.BATTERY_LOW: FaultRow(
         condition="the battery is below PWR_SAVE_PCT or PWR_SAVE_VOLT (clears 5 % of charge or 3 % of voltage above)",
-        is_present=lambda tick: battery_is_below(tick, Fault.BATTERY_LOW, tick.save_charge, tick.save_v),
+        is_present=lambda tick: is_battery_below(tick, Fault.BATTERY_LOW, tick.save_charge, tick.save_v),
         debounce_s=30.0,
         clear_s=60.0,
         severity=Severity.WARNING,
@@ -375,7 +375,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.BATTERY_CRITICAL: FaultRow(
         condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (clears 5 % of charge or 3 % of voltage above)",
-        is_present=lambda tick: battery_is_below(tick, Fault.BATTERY_CRITICAL, tick.keep_charge, tick.keep_v),
+        is_present=lambda tick: is_battery_below(tick, Fault.BATTERY_CRITICAL, tick.keep_charge, tick.keep_v),
         debounce_s=30.0,
         clear_s=60.0,
         severity=Severity.ERROR,
@@ -430,7 +430,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
 }
 
-# Of the faults that choose a mode, in which order they decide: the more severe first, then the lower number.
+# Order in which faults choose a mode: by severity, then by number.
 PRECEDENCE: Final = tuple(
     sorted((fault for fault, row in TABLE.items() if row.parameter), key=lambda fault: (TABLE[fault].severity, fault))
 )

@@ -37,7 +37,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import Plan, PlanItem, number, place_of
+from firmware_py.common.plan import Plan, PlanItem, limit_number, place_of
 from firmware_py.plans.items import MAX_DISTANCE_M, MAX_DURATION_S, MAX_TURNS, Command
 from firmware_py.plans.sequence import next_places, tags_of
 
@@ -76,7 +76,7 @@ def _resolved(items: Sequence[PlanItem], tags: Mapping[int, int], item: PlanItem
     if step.command is Command.CONDITION_DISTANCE and following is not None:
         return replace(step, place=place_of(items[following]))
     if item.command == Command.JUMP_TO_TAG:
-        return replace(step, target=tags.get(round(number(item.params[0], 0.0, 65535.0)), -1))
+        return replace(step, target=tags.get(round(limit_number(item.params[0], 0.0, 65535.0)), -1))
     return step
 
 
@@ -89,7 +89,7 @@ def step_of(item: PlanItem) -> MissionStep:
 
 
 def _radius(value: float) -> float | None:
-    return number(abs(value), 0.0, LARGEST_RADIUS_M) or None
+    return limit_number(abs(value), 0.0, LARGEST_RADIUS_M) or None
 
 
 def _waypoint(item: PlanItem) -> MissionStep:
@@ -98,7 +98,7 @@ def _waypoint(item: PlanItem) -> MissionStep:
         Command.WAYPOINT,
         place_of(item),
         _radius(radius),
-        number(hold, 0.0, MAX_DURATION_S),
+        limit_number(hold, 0.0, MAX_DURATION_S),
         autocontinue=item.autocontinue,
     )
 
@@ -109,8 +109,8 @@ def _loiter(item: PlanItem) -> MissionStep:
         Command(item.command),
         place_of(item),
         _radius(radius),
-        number(amount, 0.0, MAX_DURATION_S),
-        turns=number(amount, 0.0, MAX_TURNS),
+        limit_number(amount, 0.0, MAX_DURATION_S),
+        turns=limit_number(amount, 0.0, MAX_TURNS),
         clockwise=not radius < 0.0,
         autocontinue=item.autocontinue,
     )
@@ -120,11 +120,15 @@ def _delay(item: PlanItem) -> MissionStep:
     seconds, hour, minute, second = item.params
     time_of_day_s = None
     if seconds < 0.0 or (math.isnan(seconds) and hour >= 0.0):
-        clock_s = 3600.0 * number(hour, 0.0, 23.0) + 60.0 * number(minute, 0.0, 59.0) + number(second, 0.0, 60.0)
+        clock_s = (
+            3600.0 * limit_number(hour, 0.0, 23.0)
+            + 60.0 * limit_number(minute, 0.0, 59.0)
+            + limit_number(second, 0.0, 60.0)
+        )
         time_of_day_s = clock_s % SECONDS_PER_DAY
     return MissionStep(
         Command.DELAY,
-        seconds=number(seconds, 0.0, MAX_DURATION_S),
+        seconds=limit_number(seconds, 0.0, MAX_DURATION_S),
         time_of_day_s=time_of_day_s,
         autocontinue=item.autocontinue,
     )
@@ -133,12 +137,12 @@ def _delay(item: PlanItem) -> MissionStep:
 def _yaw(item: PlanItem) -> MissionStep:
     angle_deg, _, direction, relative = item.params
     sign = -1.0 if relative == 1.0 and direction < 0.0 else 1.0
-    return _heading(item, sign * number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+    return _heading(item, sign * limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
 
 
 def _yaw_speed(item: PlanItem) -> MissionStep:
     angle_deg, _, relative, _ = item.params
-    return _heading(item, number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+    return _heading(item, limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
 
 
 def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep:
@@ -154,8 +158,8 @@ def _jump(item: PlanItem) -> MissionStep:
     target, times = item.params[:2]
     return MissionStep(
         Command.JUMP,
-        target=round(number(target, -1.0, 1e6)),
-        times=round(number(times, -1.0, 1e6)),
+        target=round(limit_number(target, -1.0, 1e6)),
+        times=round(limit_number(times, -1.0, 1e6)),
         autocontinue=item.autocontinue,
     )
 
@@ -165,12 +169,12 @@ def _jump_to_tag(item: PlanItem) -> MissionStep:
 
 
 def _distance(item: PlanItem) -> MissionStep:
-    distance_m = number(item.params[0], 0.0, MAX_DISTANCE_M)
+    distance_m = limit_number(item.params[0], 0.0, MAX_DISTANCE_M)
     return MissionStep(Command.CONDITION_DISTANCE, distance_m=distance_m, autocontinue=item.autocontinue)
 
 
 def _condition_delay(item: PlanItem) -> MissionStep:
-    seconds = number(item.params[0], 0.0, MAX_DURATION_S)
+    seconds = limit_number(item.params[0], 0.0, MAX_DURATION_S)
     return MissionStep(Command.CONDITION_DELAY, seconds=seconds, autocontinue=item.autocontinue)
 
 

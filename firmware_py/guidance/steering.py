@@ -18,7 +18,7 @@ from firmware_py.modes import (
     Situation,
     heading_in_water,
     heading_to_steer,
-    live_stick,
+    stick_deflection,
 )
 
 
@@ -40,7 +40,7 @@ def update_goal(
         return replace(modes, goal=HeadingGoal(situation.heading_rad))
     if isinstance(goal, PositionGoal):
         return modes
-    if modes.mode is Mode.STEERING and (stick := live_stick(modes, now_s, settings.stick_timeout_s)):
+    if modes.mode is Mode.STEERING and (stick := stick_deflection(modes, now_s, settings.stick_timeout_s)):
         turned_rad = stick * settings.stick_rate_rad_s * min(max(0.0, step_s), 1.0)
         return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + turned_rad), goal.over_ground))
     if goal.turn:

@@ -99,10 +99,10 @@ class LogRecorder:
         if background:
             self.writer.start()
 
-    def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
+    def offer(self, inputs: Inputs, output: Output, previous_state: Callable[[], str]) -> None:
         """Queue a tick without blocking, or drop and count it; one without events and requests may be held."""
         self._update_thin_log(inputs, output)
-        self._held.append((inputs, output, before))
+        self._held.append((inputs, output, previous_state))
         if output.events or inputs.requests or len(self._held) >= min(MAX_HELD_TICKS, MAX_HELD_S * inputs.tick.rate_hz):
             self._pack_held()
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import msgspec
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans, number, place_of
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans, limit_number, place_of
 from firmware_py.plans.items import MAX_DISTANCE_M, Command
 
 MAX_CHECKS = 500  # for one leg
@@ -72,14 +72,14 @@ def fence_of(plan: Plan) -> Fence | None:
     while items:
         command = items[0].command
         if command in (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX):
-            count = round(number(items[0].params[0], 1.0, MAX_PLAN_ITEMS))
+            count = round(limit_number(items[0].params[0], 1.0, MAX_PLAN_ITEMS))
             corners = tuple(_point(anchor, item) for item in items[:count] if item.command == command)
             if len(corners) >= 3:
                 areas.append(Area(corners, 0.0, command == Command.INCLUDED_VERTEX, _group(items[0])))
             items = items[count:]
             continue
         if command in (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE):
-            radius_m = number(items[0].params[0], 0.0, MAX_DISTANCE_M)
+            radius_m = limit_number(items[0].params[0], 0.0, MAX_DISTANCE_M)
             areas.append(
                 Area((_point(anchor, items[0]),), radius_m, command == Command.INCLUDED_CIRCLE, _group(items[0]))
             )
@@ -88,7 +88,7 @@ def fence_of(plan: Plan) -> Fence | None:
 
 
 def _group(item: PlanItem) -> int:
-    return round(number(item.params[1], 0.0, 255.0))
+    return round(limit_number(item.params[1], 0.0, 255.0))
 
 
 def _place(item: PlanItem) -> Place:
@@ -142,7 +142,9 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
                 continue
             here = fence.anchor.offset_m(place)
             # Loiter circles are moved inward by guidance, except for those with a number of turns.
-            turned_m = number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
+            turned_m = (
+                limit_number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
+            )
             yield None
             worst_m = _margin_m(fence, here) - turned_m
             is_leg = False

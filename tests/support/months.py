@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from firmware_py.assemble.logs import file_root, with_dates
+from firmware_py.assemble.logs import file_root, with_corrected_times
 from firmware_py.assemble.stored_state import read_state, resume
 from firmware_py.assemble.supervision import Supervision, read_endings
 from firmware_py.common.angles import TWO_PI, radians
@@ -462,7 +462,7 @@ class Months:
             clock=clock,
             autopilot=autopilot,
             compass=Shifted(Compass(world), begin_s),
-            position=with_dates(Shifted(Receiver(world), begin_s), clock, self.directory, say),
+            position=with_corrected_times(Shifted(Receiver(world), begin_s), clock, self.directory, say),
             rudder=Shifted(Servo(world), begin_s),
             power=(charger, SecondSensor(monitor, DeviceRole.POWER_B)),
             link=endpoint,

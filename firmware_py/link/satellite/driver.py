@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from firmware_py.common.link_status import session_ending
+from firmware_py.common.link_status import session_error_text
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.satellite.messages import Bundle, Kind, MessageQueue
 from firmware_py.link.satellite.modem import Modem, Session
@@ -206,7 +206,7 @@ class SatelliteDriver:
 
     def _fail(self, session: Session, now_s: float) -> None:
         self.counts.failed += 1
-        self.blocked_reason = "message not handed over" if session.sent else session_ending(session.status)
+        self.blocked_reason = "message not handed over" if session.sent else session_error_text(session.status)
         if self._failures < len(_RETRY_S):
             wait_s = self._chance.uniform(0.0, _RETRY_S[self._failures])
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import degrees
-from firmware_py.common.vessels import CALL_SIGN_LETTERS, NAME_LETTERS, Vessel, VesselIdentity
+from firmware_py.common.vessels import MAX_CALL_SIGN_CHARACTERS, MAX_NAME_CHARACTERS, Vessel, VesselIdentity
 from firmware_py.link.telemetry.fields import INT32_MAX, UINT8_MAX, UINT16_MAX, TelemetryContext, scaled_degrees, whole
 from firmware_py.link.telemetry.motion import heading_centidegrees
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -60,8 +60,8 @@ def _message(vessel: Vessel, now_s: float) -> Message:
         to_stern,
         to_port,
         to_starboard,
-        text_of(identity.call_sign, CALL_SIGN_LETTERS),
-        text_of(identity.name, NAME_LETTERS),
+        text_of(identity.call_sign, MAX_CALL_SIGN_CHARACTERS),
+        text_of(identity.name, MAX_NAME_CHARACTERS),
         whole(now_s - position.t_s, 0, UINT16_MAX, UINT16_MAX),
         sum(flag for flag, is_so in flags if is_so),
     )

@@ -231,7 +231,7 @@ class BulkShare:
         if byte_rate is not None:
             rate = _BULK_SHARE * byte_rate
             burst = max(rate * _BURST_S, float(_LONGEST_FRAME))
-            self._bytes = TokenBucket(burst, rate, full=False, longest_s=_BURST_S * 4)
+            self._bytes = TokenBucket(burst, rate, is_full=False, max_elapsed_s=_BURST_S * 4)
         self.can_continue = False  # another call of the loop could send more at once
 
     def pace(self, share: float, now_s: float) -> None:

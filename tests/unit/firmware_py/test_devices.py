@@ -1,51 +1,42 @@
-"""The registry of drivers: what it makes, what calibrates, what decodes."""
+"""Registry of drivers: creation, calibrators, capture formats."""
 
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode
+from support.line import FakeLine
 
 ROLES = {"compass": DeviceRole.COMPASS, "position": DeviceRole.POSITION, "rudder": DeviceRole.RUDDER}
 
 
-class UnpluggedLine:
-    name = "/dev/x"
-    baud = 57600
-    openings = 0
-    connected = False
-
-    def fileno(self):
-        return -1
-
-    def read(self):
-        return b""
-
-    def write(self, data):
-        return False
+def closed_line():
+    line = FakeLine()
+    line.unplug()
+    return line
 
 
 @pytest.mark.parametrize(("section", "name"), [(section, name) for section in ROLES for name in SECTIONS[section]])
-def test_every_driver_is_made_with_its_defaults_and_waits_for_its_port(section, name):
+def test_drivers_are_created_with_their_defaults_and_wait_for_the_port(section, name):
     driver = SECTIONS[section][name]
-    device = driver.make(UnpluggedLine(), driver.options())
+    device = driver.make(closed_line(), driver.options())
     device.receive(0.0)
     health = device.health(0.0)
     assert (health.role, health.state) == (ROLES[section], DeviceState.ABSENT)
     assert list(device.poll()) == []
 
 
-def test_of_the_compasses_only_the_pni_calibrates_itself():
+def test_only_the_pni_compass_has_a_calibrator():
     calibrating = []
     for name, driver in COMPASSES.items():
-        compass = driver.make(UnpluggedLine(), driver.options())
+        compass = driver.make(closed_line(), driver.options())
         if (calibrator := calibrator_of(name, compass)) is not None:
             assert calibrator is compass
-            assert not calibrator.calibrate(0.0)  # its port is away
+            assert not calibrator.calibrate(0.0)  # the port is closed
             calibrating.append(name)
     assert calibrating == ["pni_tcm"]
 
 
-def test_captures_are_decoded_by_the_names_of_the_protocols():
+def test_names_of_the_capture_formats():
     assert list(CAPTURE_FORMATS) == ["nmea", "pni", "mti", "ubx", "vedirect"]
     (result,) = decode("nmea", b"$HEHDT,341.8,T*21\r\n")
     assert (result["type"], result["true_deg"]) == ("heading", 341.8)

@@ -1,4 +1,4 @@
-"""The loop around the pure tick, on a clock of the test's own."""
+"""The fixed-rate loop with a simulated clock: ticks, link service, plans, restart, safe end."""
 
 import itertools
 import math
@@ -44,7 +44,7 @@ from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUM
 
 
 class FakeClock:
-    """Time moves only in wait; work can be made to take time; descriptors become readable by plan."""
+    """Advances only in `wait`; tests add the duration of work. `plan`: when descriptors become readable."""
 
     def __init__(self):
         self.t_s = 0.0
@@ -63,15 +63,15 @@ class FakeClock:
         if not due:
             self.t_s = max(self.t_s, deadline_s)
             return []
-        if due[0][1] != FakeLink.DESCRIPTOR:  # that one stays readable until it is served
+        if due[0][1] != FakeLink.DESCRIPTOR:  # the link remains readable until it is served
             self.plan.remove(due[0])
         self.t_s = max(self.t_s, due[0][0])
         return [due[0][1]]
 
 
 class FakeCompass:
-    def __init__(self, boat_log):
-        self.log, self.samples, self.heading_rad = boat_log, [], 1.0
+    def __init__(self, call_log):
+        self.log, self.samples, self.heading_rad = call_log, [], 1.0
 
     def fileno(self):
         return 10
@@ -89,10 +89,10 @@ class FakeCompass:
 
 
 class FakeRudder:
-    def __init__(self, boat_log):
-        self.log, self.commands, self.feedback, self.heard_s = boat_log, [], [], []
+    def __init__(self, call_log):
+        self.log, self.commands, self.feedback, self.receive_times_s = call_log, [], [], []
         self.stuck = False
-        self.descriptor, self.hurried = -1, 0  # by so many replies
+        self.descriptor, self.prompt_replies = -1, 0  # number of replies that need prompt I/O
 
     def fileno(self):
         return self.descriptor
@@ -104,11 +104,11 @@ class FakeRudder:
         self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
 
     def needs_prompt_io(self):
-        return self.hurried > 0
+        return self.prompt_replies > 0
 
     def receive(self, now_s):
-        self.heard_s.append(now_s)
-        self.hurried = max(0, self.hurried - 1)
+        self.receive_times_s.append(now_s)
+        self.prompt_replies = max(0, self.prompt_replies - 1)
 
     def poll(self):
         taken, self.feedback = self.feedback, []
@@ -121,24 +121,24 @@ class FakeRudder:
 class FakeLink:
     DESCRIPTOR = 20
 
-    def __init__(self, boat_log):
-        self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
-        self.left_over = 0
+    def __init__(self, call_log):
+        self.log, self.outputs, self.on_service = call_log, [], lambda _now_s: None
+        self.pending_calls = 0
         self.station_s = None
         self.key_problem = ""
 
     @property
     def busy(self):
-        return self.left_over > 0
+        return self.pending_calls > 0
 
     def descriptors(self):
         return [20]
 
     def service(self, now_s, ready):
-        assert list(ready) == ([] if self.left_over else [20])
+        assert list(ready) == ([] if self.pending_calls else [20])
         if ready:
             self.clock.plan.remove(min(entry for entry in self.clock.plan if entry[1] == self.DESCRIPTOR))
-        self.left_over = max(0, self.left_over - 1)
+        self.pending_calls = max(0, self.pending_calls - 1)
         self.log.append(("service", now_s))
         self.on_service(now_s)
 
@@ -159,7 +159,7 @@ class FakeRecorder:
 
 
 class FakePosition:
-    """A fix at every poll, with the right time."""
+    """A receiver with a fix at every poll."""
 
     t_s = 0.0
 
@@ -216,7 +216,7 @@ class FakeStore:
         self.calls.append(call)
 
     def on_mount(self, _names, _welcome):
-        """The store is mounted from the start."""
+        """Do nothing: the store is available from the start."""
 
     def service(self):
         while self.calls:
@@ -245,7 +245,7 @@ def boat():
     )
 
 
-def turn(boat, seconds):
+def run_for(boat, seconds):
     # One more tick follows the stop.
     last_s = boat.clock.t_s + seconds - 1.0 / boat.autopilot.parameters()["LOOP_RATE_HZ"]
     run(boat, lambda: boat.clock.t_s >= last_s - 1e-9)
@@ -255,29 +255,37 @@ def ticks(boat):
     return [inputs.tick for inputs, _, _ in boat.recorder.ticks]
 
 
-def test_ticks_come_at_their_absolute_deadlines(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
-    turn(boat, 2.0)
+def set_parameter(boat, name, value):
+    return boat.autopilot.decide(Request(boat.clock.t_s, SetParameter(name, value)))
+
+
+def texts(boat):
+    return [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
+
+
+def test_ticks_start_at_their_absolute_deadlines(boat):
+    set_parameter(boat, "LOOP_LOCK", 0)
+    run_for(boat, 2.0)
     assert [tick.index for tick in ticks(boat)] == list(range(len(ticks(boat))))
     assert [tick.t_s for tick in ticks(boat)] == pytest.approx([0.1 * index for index in range(len(ticks(boat)))])
     assert all(tick.late_s == 0.0 and tick.skipped == 0 for tick in ticks(boat))
 
 
-def test_the_servo_is_commanded_before_anything_is_published(boat):
-    turn(boat, 0.25)
-    order = [what for what, _ in boat.link.log if what in ("command", "publish")]
+def test_rudder_command_is_sent_before_the_link_publishes(boat):
+    run_for(boat, 0.25)
+    order = [call for call, _ in boat.link.log if call in ("command", "publish")]
     assert order[:4] == ["command", "publish", "command", "publish"]
 
 
-def test_a_stall_is_skipped_in_phase_and_reported(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+def test_deadlines_missed_in_a_stall_are_skipped_in_phase_and_reported(boat):
+    set_parameter(boat, "LOOP_LOCK", 0)
     stall = iter([0.0] * 5 + [0.73])
 
     def publish(output, now_s):
         boat.clock.t_s += next(stall, 0.0)
 
     boat.link.publish = publish
-    turn(boat, 3.0)
+    run_for(boat, 3.0)
     assert sum(tick.skipped for tick in ticks(boat)) == 6
     after = next(tick for tick in ticks(boat) if tick.skipped)
     assert after.t_s == pytest.approx(1.2)
@@ -286,79 +294,78 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
 
 
 class FakeLine:
-    """A closed port that records when it is reopened."""
+    """A closed port that records time_s it is reopened."""
 
     written = 0
 
     def __init__(self):
-        self.tried_s = []
+        self.reopen_times_s = []
 
     def reopen(self, now_s):
-        self.tried_s.append(now_s)
+        self.reopen_times_s.append(now_s)
 
 
-def test_the_last_tick_opens_no_port(boat):
+def test_last_tick_opens_no_port(boat):
     """After a killed harness, the paths of its ptys may belong to another process at the last tick."""
     line = FakeLine()
     boat.lines = [line]
-    turn(boat, 1.0)
-    assert line.tried_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
+    run_for(boat, 1.0)
+    assert line.reopen_times_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
 
 
 @pytest.mark.parametrize("where", ["service", "publish", "store"])
-def test_an_error_in_the_link_does_not_end_the_loop_and_is_reported(boat, where):
-    explained, mistakes = [], iter([KeyError("inside")])
-    boat.fault_barrier = FaultBarrier(explained.append)
+def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, where):
+    printed, errors = [], iter([KeyError("inside")])
+    boat.fault_barrier = FaultBarrier(printed.append)
 
-    def mistaken(*_):
-        for mistake in mistakes:
-            raise mistake
+    def raise_error(*_):
+        for error in errors:
+            raise error
 
     if where == "service":
         boat.clock.plan = [(0.15, FakeLink.DESCRIPTOR)]
-        boat.link.on_service = mistaken
+        boat.link.on_service = raise_error
     elif where == "publish":
-        boat.link.publish = mistaken
+        boat.link.publish = raise_error
     else:
         boat.clock.plan = [(0.15, boat.store.fileno())]
-        boat.store.service = lambda: (boat.clock.plan.clear(), mistaken())
-    turn(boat, 1.0)
-    texts = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
-    assert texts.count("Link error KeyError; autopilot unaffected") == 1
-    assert explained[-1] == "KeyError: 'inside'"
+        boat.store.service = lambda: (boat.clock.plan.clear(), raise_error())
+    run_for(boat, 1.0)
+    assert texts(boat).count("Link error KeyError; autopilot unaffected") == 1
+    assert printed[-1] == "KeyError: 'inside'"
     assert len(ticks(boat)) == pytest.approx(10, abs=1)
 
 
-def test_samples_are_stamped_when_they_arrive(boat):
+def test_samples_have_their_arrival_time(boat):
     boat.clock.plan = [(0.137, 10)]
-    turn(boat, 0.3)
+    run_for(boat, 0.3)
     assert ("receive", 0.137) in boat.link.log
 
 
-def test_a_servo_reply_wakes_the_loop_only_if_more_is_to_be_sent(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
+    set_parameter(boat, "LOOP_LOCK", 0)
     boat.rudder.descriptor = 11
     boat.clock.plan = [(0.104, 11), (0.214, 11), (0.216, 11)]
 
     def publish(_output, now_s):
-        boat.rudder.hurried = 1 if now_s == pytest.approx(0.2) else 0
+        boat.rudder.prompt_replies = 1 if now_s == pytest.approx(0.2) else 0
 
     boat.link.publish = publish
-    turn(boat, 0.35)
-    heard_s = [now_s for now_s in boat.rudder.heard_s if now_s < 0.35]
-    assert heard_s[:5] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3], abs=1e-3)
+    run_for(boat, 0.35)
+    receive_times_s = [now_s for now_s in boat.rudder.receive_times_s if now_s < 0.35]
+    assert receive_times_s[:5] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3], abs=1e-3)
 
 
-def test_a_closed_port_is_not_waited_on(boat):
+def test_loop_does_not_wait_on_a_closed_port(boat):
     boat.clock.plan = [(0.137, 10), (0.15, 10)]
     boat.compass.receive = lambda now_s: setattr(boat.compass, "fileno", lambda: -1) if now_s > 0.13 else None
-    turn(boat, 0.35)
-    waited_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
-    assert max(waited_s) < 0.137
+    run_for(boat, 0.35)
+    wait_times_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
+    assert max(wait_times_s) < 0.137
 
 
 @pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])
-def test_a_connection_that_was_closed_while_the_link_was_served_is_not_waited_on(boat, descriptor):
+def test_loop_does_not_wait_on_a_connection_closed_by_service(boat, descriptor):
     """The service of the link or a callback of the store may close it."""
     boat.clock.plan = [(0.137, descriptor)]
 
@@ -367,40 +374,40 @@ def test_a_connection_that_was_closed_while_the_link_was_served_is_not_waited_on
         boat.link.descriptors = lambda: [21]
 
     boat.link.service = boat.store.service = close
-    turn(boat, 0.35)
+    run_for(boat, 0.35)
     waits = [(now_s, descriptors) for now_s, _, descriptors in boat.clock.waits]
     assert any(20 in descriptors for now_s, descriptors in waits if now_s < 0.137)
     assert not any(20 in descriptors for now_s, descriptors in waits if now_s >= 0.137)
     assert any(21 in descriptors for now_s, descriptors in waits if now_s == 0.137)
 
 
-def test_a_battery_monitor_is_read_at_the_ticks(boat):
+def test_battery_monitor_is_read_at_the_ticks(boat):
     power = FakePower()
     boat.power = (power,)
     boat.__post_init__()
     boat.clock.plan = [(0.137, power.fileno())]
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
-    turn(boat, 0.35)
+    set_parameter(boat, "LOOP_LOCK", 0)
+    run_for(boat, 0.35)
     assert power.read_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
-def test_the_link_is_not_served_shortly_before_a_deadline(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+def test_link_is_not_served_shortly_before_a_deadline(boat):
+    set_parameter(boat, "LOOP_LOCK", 0)
     boat.clock.plan = [(0.15, 20), (0.1985, 20)]
-    turn(boat, 0.4)
-    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    run_for(boat, 0.4)
+    served = [t_s for call, t_s in boat.link.log if call == "service"]
     assert served[0] == pytest.approx(0.15)
     assert served[1] >= 0.2 - 1e-9  # received within the guard time
 
 
 def test_remaining_link_data_are_served_before_waiting(boat):
-    boat.link.publish = lambda _output, now_s: setattr(boat.link, "left_over", 3 if 0.09 < now_s < 0.11 else 0)
-    turn(boat, 0.35)
-    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    boat.link.publish = lambda _output, now_s: setattr(boat.link, "pending_calls", 3 if 0.09 < now_s < 0.11 else 0)
+    run_for(boat, 0.35)
+    served = [t_s for call, t_s in boat.link.log if call == "service"]
     assert served == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
 
 
-def test_the_ticks_drift_to_just_after_the_compass(boat):
+def test_ticks_drift_to_shortly_after_the_compass_samples(boat):
     boat.compass.receive = lambda now_s: None
     boat.clock.plan = []
     phase_s = 0.04
@@ -410,12 +417,12 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
         return [HeadingSample(newest_s, 1.0, NorthReference.TRUE)] if newest_s > 0.0 else []
 
     boat.compass.poll = poll
-    turn(boat, 60.0)
+    run_for(boat, 60.0)
     assert (ticks(boat)[-1].t_s - phase_s) % 0.1 == pytest.approx(0.002, abs=2e-4)
 
 
 @pytest.mark.parametrize(
-    ("on_compass", "locked", "said_s", "whole", "begun_s"),
+    ("tick_on_compass", "lock", "sample_s", "is_complete", "start_s"),
     [
         (True, 1, 0.098, True, 0.098),
         (True, 1, 0.098, False, 0.1),  # an incomplete sentence
@@ -424,21 +431,21 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
         (False, 1, 0.098, True, 0.1),  # not in lockstep
     ],
 )
-def test_a_tick_begins_with_the_sample_that_it_is_locked_to(boat, on_compass, locked, said_s, whole, begun_s):
-    boat.tick_on_compass = on_compass
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", locked)))
+def test_tick_starts_with_the_sample_that_it_is_locked_to(boat, tick_on_compass, lock, sample_s, is_complete, start_s):
+    boat.tick_on_compass = tick_on_compass
+    set_parameter(boat, "LOOP_LOCK", lock)
     receive = boat.compass.receive
-    boat.compass.receive = lambda now_s: receive(now_s) if now_s == said_s and whole else None
-    boat.clock.plan = [(said_s, boat.compass.fileno())]
-    turn(boat, 0.25)
+    boat.compass.receive = lambda now_s: receive(now_s) if now_s == sample_s and is_complete else None
+    boat.clock.plan = [(sample_s, boat.compass.fileno())]
+    run_for(boat, 0.25)
     samples = [sample.t_s for inputs, _, _ in boat.recorder.ticks for sample in inputs.headings]
-    assert samples == ([said_s] if whole else [])
+    assert samples == ([sample_s] if is_complete else [])
     second, third = ticks(boat)[1:3]
-    assert (second.t_s, second.late_s, third.t_s) == (pytest.approx(begun_s), 0.0, pytest.approx(0.2, abs=6e-4))
-    assert [when for what, when in boat.link.log if what == "command"][1] == pytest.approx(begun_s)
+    assert (second.t_s, second.late_s, third.t_s) == (pytest.approx(start_s), 0.0, pytest.approx(0.2, abs=6e-4))
+    assert [time_s for call, time_s in boat.link.log if call == "command"][1] == pytest.approx(start_s)
 
 
-def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
+def test_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     answers = []
     boat.clock.plan = [(0.15, 20)]
 
@@ -447,7 +454,7 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
         answers.extend(boat.autopilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
 
     boat.link.on_service = on_service
-    turn(boat, 0.5)
+    run_for(boat, 0.5)
     assert answers == [Verdict.ACCEPTED] * 3 + [Verdict.DENIED]
     (with_requests,) = [inputs for inputs, _, _ in boat.recorder.ticks if inputs.requests]
     assert with_requests.tick.t_s == pytest.approx(0.2, abs=0.01)
@@ -455,25 +462,25 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
 
 
-def test_a_flood_gets_a_limited_share_and_ticks_are_punctual(boat):
+def test_flood_on_the_link_has_a_limited_share_and_delays_no_tick(boat):
     """Linux suspends a real-time process that uses all of the processor."""
-    boat.link.left_over = 10**6
+    boat.link.pending_calls = 10**6
 
     def on_service(_now_s):
         boat.clock.t_s += 0.001
 
     boat.link.on_service = on_service
-    turn(boat, 1.0)
+    run_for(boat, 1.0)
     served = sum(1 for entry in boat.link.log if entry[0] == "service")
     assert served == pytest.approx(1000 * MAX_LINK_FRACTION, rel=0.1)
     assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 
-def test_at_a_high_rate_a_flood_has_a_longer_guard_time(boat):
-    """What slows the machine down for a moment while the link is served is over when the tick comes."""
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
-    turn(boat, 0.5)
-    boat.link.left_over = 10**6
+def test_busy_link_has_a_longer_guard_time(boat):
+    """A call of the link that becomes slow for a moment must end before the tick."""
+    set_parameter(boat, "LOOP_RATE_HZ", 50)
+    run_for(boat, 0.5)
+    boat.link.pending_calls = 10**6
 
     def on_service(now_s):
         calls.append(now_s)
@@ -481,25 +488,25 @@ def test_at_a_high_rate_a_flood_has_a_longer_guard_time(boat):
 
     def publish(output, now_s):
         outputs.append(output)
-        boat.clock.t_s += 0.014 if len(outputs) % 10 == 0 else 0.0  # a slow tick leaves little of its period
+        boat.clock.t_s += 0.014 if len(outputs) % 10 == 0 else 0.0  # a slow tick leaves a short remainder of its period
 
     calls, outputs = [], []
     boat.link.on_service, boat.link.publish = on_service, publish
-    turn(boat, 1.5)
+    run_for(boat, 1.5)
     deadlines_s = [tick.t_s for tick in ticks(boat)]
-    left_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
+    margins_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
     assert len(calls) >= 400
-    assert min(left_s) > 0.009
+    assert min(margins_s) > 0.009
 
 
-def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
-    answer = boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
+def test_accepted_parameter_is_used_at_once_and_stored(boat):
+    answer = set_parameter(boat, "CTL_K1", 44.4)
     assert answer.verdict is Verdict.ACCEPTED
     value = boat.autopilot.parameters()["CTL_K1"]
     assert value == pytest.approx(44.4)
     boat.autopilot.when_stored(lambda _well: None)
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
-    assert boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
+    assert set_parameter(boat, "CTL_K1", math.inf).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
 
 
@@ -507,30 +514,30 @@ def record(boat):
     return resume_from_bytes(boat.store.saved[RESUME_FILE])[0]
 
 
-def test_the_resume_record_is_updated_at_start_ticks_and_end(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("BOOT_RESUME", 2)))
+def test_resume_record_is_updated_at_start_ticks_and_end(boat):
+    set_parameter(boat, "BOOT_RESUME", 2)
     kept = []
     boat.link.publish = lambda output, now_s: kept.append((now_s, record(boat).modes.armed))
     boat.link.on_service = lambda now_s: boat.autopilot.decide(Request(now_s, Arm(armed=True, force=True)))
     boat.clock.plan.append((0.33, FakeLink.DESCRIPTOR))
-    turn(boat, 0.75)
-    # The record of a tick is handed over behind it: before the next one is published it is there.
-    ordered_s = next(tick.t_s for tick in ticks(boat) if tick.t_s > 0.33)
-    assert [armed for now_s, armed in kept if now_s <= ordered_s] == [False] * 5
-    assert all(armed for now_s, armed in kept if now_s > ordered_s)
+    run_for(boat, 0.75)
+    # The record of a tick is saved after its publication, so it is seen in the next one.
+    arming_tick_s = next(tick.t_s for tick in ticks(boat) if tick.t_s > 0.33)
+    assert [armed for now_s, armed in kept if now_s <= arming_tick_s] == [False] * 5
+    assert all(armed for now_s, armed in kept if now_s > arming_tick_s)
     boat.autopilot.decide(Request(boat.clock.t_s, SetMode(int(Mode.MANUAL))))
     run(boat, lambda: True)
     assert record(boat).modes.mode is Mode.MANUAL
 
 
-def test_with_nothing_to_resume_no_record_is_written(boat):
-    turn(boat, 1.0)
+def test_no_resume_record_without_boot_resume(boat):
+    run_for(boat, 1.0)
     assert RESUME_FILE not in boat.store.saved
 
 
-def test_a_restart_ends_the_loop_after_the_logged_tick_with_a_centred_rudder(boat):
+def test_restart_ends_the_loop_after_the_logged_tick_with_a_centred_rudder(boat):
     assert boat.autopilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
-    turn(boat, 10.0)
+    run_for(boat, 10.0)
     assert len(ticks(boat)) == 1
     assert boat.recorder.ticks[0][0].requests[0].intent == Restart()
     assert boat.autopilot.restart == Restart()
@@ -538,45 +545,43 @@ def test_a_restart_ends_the_loop_after_the_logged_tick_with_a_centred_rudder(boa
     assert boat.clock.t_s < 3.0
 
 
-def test_a_refused_restart_goes_on(boat):
+def test_refused_restart_does_not_end_the_loop(boat):
     boat.autopilot.decide(Request(0.0, Arm(armed=True, force=True)))
     assert boat.autopilot.decide(Request(0.0, Restart(shutdown=True))).verdict is Verdict.TEMPORARILY_REJECTED
-    turn(boat, 1.0)
+    run_for(boat, 1.0)
     assert boat.autopilot.restart is None
     assert len(ticks(boat)) > 9
 
 
-def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 44.0)))
+def test_reset_deletes_stored_parameters_and_keeps_the_present_values(boat):
+    set_parameter(boat, "CTL_K1", 44.0)
     boat.autopilot.decide(Request(0.0, ForgetParameters()))
     assert boat.store.saved[PARAMETER_FILE] == b""
     assert boat.autopilot.parameters()["CTL_K1"] == 44.0
-    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
+    set_parameter(boat, "CTL_K2", 0.5)
     boat.autopilot.when_stored(lambda _well: None)
     assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
 
 
-def test_a_clock_step_moves_no_deadline_and_is_reported(boat):
+def test_clock_step_changes_no_deadline_and_is_reported(boat):
     calendar = [1000.0]
     boat.clock_setter = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
     boat.position = FakePosition()
-    turn(boat, 2.0)
-    boat.autopilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
+    run_for(boat, 2.0)
+    set_parameter(boat, "LOOP_LOCK", 0)
     assert calendar[1:] == pytest.approx([2e9], abs=3.0)
     times_s = [tick.t_s for tick in ticks(boat)]
-    assert [later - earlier for earlier, later in itertools.pairwise(times_s)] == pytest.approx(
-        [0.1] * (len(times_s) - 1), abs=1e-3
-    )
-    texts = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
-    logged = [event.text for _, output, _ in boat.recorder.ticks for event in output.events if "Clock" in event.text]
-    assert texts == logged
-    assert len(texts) == 1
+    intervals_s = [later - earlier for earlier, later in itertools.pairwise(times_s)]
+    assert intervals_s == pytest.approx([0.1] * len(intervals_s), abs=1e-3)
+    published = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
+    assert published == [text for text in texts(boat) if "Clock" in text]
+    assert len(published) == 1
 
 
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
 
 
-def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boat):
+def test_plan_is_active_once_it_is_on_disk_and_is_an_input_of_the_next_tick(boat):
     answers = []
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
     assert (answers, boat.autopilot.plans()) == ([], Plans())
@@ -584,93 +589,92 @@ def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boa
     boat.store.service()
     assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
     assert boat.autopilot.plans().mission is MISSION
-    turn(boat, 0.2)
+    run_for(boat, 0.2)
     assert boat.link.outputs[-1].snapshot.mission.identities == (MISSION.identity, 0, 0)
     assert boat.recorder.ticks[0][0].requests[0].intent == ReplacePlan(MISSION)
 
 
-def test_a_plan_that_cannot_be_stored_or_is_refused_leaves_the_old_one(boat):
+def test_plan_that_is_refused_or_cannot_be_stored_keeps_the_old_one(boat):
     answers = []
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
     boat.store.calls.pop(0)(False)
-    boat.autopilot.replace_plan(
-        Request(0.0, ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001))), answers.append
-    )
+    too_long = Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001)
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(too_long)), answers.append)
     assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
     assert boat.autopilot.plans() == Plans()
 
 
-def test_the_rate_changes_with_its_parameter(boat):
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
-    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
-    turn(boat, 2.0)
+def test_rate_changes_with_its_parameter(boat):
+    set_parameter(boat, "LOOP_LOCK", 0)
+    set_parameter(boat, "LOOP_RATE_HZ", 50)
+    run_for(boat, 2.0)
     times_s = [tick.t_s for tick in ticks(boat)]
     assert [b - a for a, b in itertools.pairwise(times_s[2:])] == pytest.approx([0.02] * (len(times_s) - 3))
     assert ticks(boat)[-1].rate_hz == 50
 
 
-def test_a_flood_of_requests_is_refused(boat):
+def test_number_of_pending_requests_is_limited(boat):
     verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(MAX_PENDING)}
     assert verdicts == {Verdict.ACCEPTED}
     assert boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
 
 
 def test_health_is_an_input_only_when_it_changes(boat):
-    turn(boat, 1.0)
-    seen = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
-    assert seen[1] == 3
-    assert sum(seen) == 3
+    run_for(boat, 1.0)
+    counts = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
+    assert counts[1] == 3
+    assert sum(counts) == 3
 
 
-def test_a_failing_store_is_a_storage_fault(boat):
+def test_store_failure_is_a_storage_fault(boat):
     boat.store.failure = "parameters.param cannot be stored: No space left on device"
-    turn(boat, 4.0)
+    run_for(boat, 4.0)
     assert boat.link.outputs[-1].snapshot.faults == 1 << Fault.STORAGE_FAILING
 
 
-def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
+def test_rudder_is_centred_when_an_error_ends_the_loop(boat):
     def explode(output, now_s):
         raise RuntimeError("unexpected")
 
     boat.link.publish = explode
-    boat.fault_barrier = FaultBarrier(lambda _line: None)  # again and again: more than it covers
+    boat.fault_barrier = FaultBarrier(lambda _line: None)  # repeated errors exceed its limit
     with pytest.raises(RuntimeError, match="unexpected"):
-        turn(boat, 1.0)
+        run_for(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0
     assert boat.rudder.commands[-1][1].torque_on
 
 
-def test_a_rudder_passing_the_centre_is_not_safe(boat):
-    turn(boat, 1.0)
-    passing = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the first command is lost on the wire
+def test_rudder_that_passes_the_centre_is_not_yet_safe(boat):
+    run_for(boat, 1.0)
+    angles_rad = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the first command does not arrive
     boat.rudder.commands.clear()
     boat.rudder.command = lambda command, now_s: (
         boat.rudder.commands.append((now_s, command)),
-        boat.rudder.feedback.append(RudderFeedback(now_s + 0.002, next(passing))),
+        boat.rudder.feedback.append(RudderFeedback(now_s + 0.002, next(angles_rad))),
     )
     make_safe(boat)
     assert len(boat.rudder.commands) == 7
-    assert next(passing, None) is None
+    assert next(angles_rad, None) is None
 
 
-def test_a_rudder_amidships_ends_the_loop_after_two_readings(boat):
-    turn(boat, 1.0)
+def test_centred_rudder_ends_the_loop_after_two_readings(boat):
+    run_for(boat, 1.0)
     begin_s = boat.clock.t_s
     make_safe(boat)
     assert boat.clock.t_s - begin_s <= 2 * SAFE_INTERVAL_S + 1e-9
 
 
-def test_a_stuck_rudder_does_not_prevent_the_end(boat):
+def test_stuck_rudder_does_not_prevent_the_end(boat):
     boat.rudder.stuck = True
-    turn(boat, 0.2)
+    run_for(boat, 0.2)
     assert boat.clock.t_s < 3.0
     assert len(boat.rudder.commands) > 15
 
 
 def test_start_problems_are_reported_with_the_first_tick(boat):
-    lost = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
-    boat.notices.append(lost)
-    turn(boat, 1.0)
-    reported = [lost in output.events for output in boat.link.outputs]
-    assert reported == [lost in output.events for _, output, _ in boat.recorder.ticks]
+    problem = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
+    boat.notices.append(problem)
+    run_for(boat, 1.0)
+    reported = [problem in output.events for output in boat.link.outputs]
+    assert reported == [problem in output.events for _, output, _ in boat.recorder.ticks]
     assert (reported[0], sum(reported)) == (True, 1)

@@ -1,3 +1,5 @@
+"""Vehicle files: values, defaults, and messages for every problem."""
+
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from firmware_py.vehicle import DeviceEntry, VehicleError, load
 
 ROOT = Path(__file__).parents[3]
 
-GOOD = """
+VALID = """
 [vehicle]
 name = "Ocean Rambler"
 [compass]
@@ -38,16 +40,16 @@ CTL_K1 = 41
 
 @pytest.fixture
 def write(tmp_path):
-    def made(text):
+    def write(text):
         path = tmp_path / "boat.toml"
         path.write_text(text)
         return path
 
-    return made
+    return write
 
 
-def test_a_good_file_is_read_whole(write):
-    vehicle = load(write(GOOD))
+def test_valid_file_is_read(write):
+    vehicle = load(write(VALID))
     assert vehicle.name == "Ocean Rambler"
     assert (vehicle.compass.driver, vehicle.compass.baud, vehicle.compass.options.sentences) == ("nmea", 4800, ("HDT",))
     assert vehicle.position.driver == "ubx"
@@ -57,14 +59,14 @@ def test_a_good_file_is_read_whole(write):
     assert vehicle.parameters == {"CTL_K1": 41.0}
 
 
-def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
+def test_parameters_are_also_read_from_their_own_file(write, tmp_path):
     (tmp_path / "boat.param").write_text("CTL_K1 39\nCTL_K2 0.5\n")
-    vehicle = load(write(GOOD.replace("CTL_K1 = 41", 'file = "boat.param"\nCTL_K1 = 41')))
+    vehicle = load(write(VALID.replace("CTL_K1 = 41", 'file = "boat.param"\nCTL_K1 = 41')))
     assert vehicle.parameters == {"CTL_K1": 41.0, "CTL_K2": 0.5}
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "remedy"),
+    ("old", "new", "problem"),
     [
         ("[compass]", "[compas]", r"'compas' is not known; did you mean 'compass'"),
         ("[rudder]", "[hull2]", "is not known"),
@@ -93,8 +95,8 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 400, "CTL_K1: expected a number"),
         ("baud = 4800", "baud = 1" + "0" * 400, r"\[compass\] baud: expected a number from 300"),
         ("CTL_K1 = 41", 'file = "none.param"', "cannot be read"),
-        ("CTL_K1 = 41", 'file = "a\\u0000"', "'file' holds characters that cannot be printed: 'a.x00'"),
-        ("CTL_K1 = 41", 'file = "\\u0010"', "'file' holds characters that cannot be printed"),
+        ("CTL_K1 = 41", 'file = "a\\u0000"', "'file' contains characters that cannot be printed: 'a.x00'"),
+        ("CTL_K1 = 41", 'file = "\\u0010"', "'file' contains characters that cannot be printed"),
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 5000, "not valid TOML"),
         ("CTL_K1 = 41", "CTL_K1 = " + "[" * 3000, "nested too deeply"),
         ("CTL_K1 = 41", "C" * 5000 + " = 41", r"unknown parameter 'C{30}'; near it"),
@@ -103,18 +105,23 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ('name = "Ocean Rambler"', "name = 5", r"\[vehicle\] name"),
         ('[vehicle]\nname = "Ocean Rambler"', "vehicle = 5", "must be a section"),
         ("[vehicle]", "[vehicle", "not valid TOML"),
+        ('["HDT"]', '["HDT"]\nrate_hz = 20', r"\[compass\] 'rate_hz' is not read by driver nmea, which has sentences,"),
+        ('["HDT"]', '["HDT"]\nsentence = "HDT"', r"require_checksum; did you mean 'sentences'\?"),
+        ('driver = "nmea"', 'driver = "pni_tcm"', "'sentences' is not read by driver pni_tcm, which has rate_hz"),
+        ("baud = 9600", "baud = 9600\nrequire_checksum = false", "driver ubx, which has no option of its own"),
+        ("id = 3", "id = 3\nslew_rad_s = 1.0", r"\[rudder\] 'slew_rad_s' is not read by driver volz, which has id"),
     ],
 )
-def test_an_invalid_file_is_one_clear_line(write, old, new, remedy):
-    assert old in GOOD
-    path = write(GOOD.replace(old, new, 1))
-    with pytest.raises(VehicleError, match=remedy) as caught:
+def test_problem_of_an_invalid_file_is_one_line(write, old, new, problem):
+    assert old in VALID
+    path = write(VALID.replace(old, new, 1))
+    with pytest.raises(VehicleError, match=problem) as raised:
         load(path)
-    assert "\n" not in str(caught.value)
-    assert "boat.toml" in str(caught.value)
+    assert "\n" not in str(raised.value)
+    assert "boat.toml" in str(raised.value)
 
 
-def test_missing_and_unreadable_files_are_one_clear_line(tmp_path):
+def test_missing_and_unreadable_files_are_reported(tmp_path):
     with pytest.raises(VehicleError, match="no such vehicle file"):
         load(tmp_path / "none.toml")
     with pytest.raises(VehicleError, match="cannot be read"):
@@ -125,27 +132,9 @@ def test_missing_and_unreadable_files_are_one_clear_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
-    [
-        ('["HDT"]', '["HDT"]\nrate_hz = 20', "[compass] 'rate_hz' is not read by driver nmea, which has sentences,"),
-        ('["HDT"]', '["HDT"]\nsentence = "HDT"', "require_checksum; did you mean 'sentences'?"),
-        ('driver = "nmea"', 'driver = "pni_tcm"', "'sentences' is not read by driver pni_tcm, which has rate_hz"),
-        ("baud = 9600", "baud = 9600\nrequire_checksum = false", "driver ubx, which has no option of its own"),
-        ("id = 3", "id = 3\nslew_rad_s = 1.0", "[rudder] 'slew_rad_s' is not read by driver volz, which has id"),
-    ],
-)
-def test_an_option_that_the_driver_does_not_read_is_refused_by_its_name(write, old, new, complaint):
-    assert old in GOOD
-    with pytest.raises(VehicleError) as caught:
-        load(write(GOOD.replace(old, new, 1)))
-    assert complaint in str(caught.value)
-    assert "boat.toml" in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("section", "name"), [(section, name) for section, drivers in SECTIONS.items() for name in drivers]
 )
-def test_every_driver_of_the_registry_can_be_named_and_has_defaults(write, section, name):
+def test_drivers_of_the_registry_are_known_and_have_defaults(write, section, name):
     entry = f'[{section}]\ndriver = "{name}"\nport = "/dev/x"\nbaud = 9600\n'
     others = {
         "compass": '[compass]\ndriver = "nmea"\nport = "/dev/c"\nbaud = 4800\n',
@@ -156,27 +145,24 @@ def test_every_driver_of_the_registry_can_be_named_and_has_defaults(write, secti
 
 
 @pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])
-def test_the_examples_are_valid(name):
-    assert load(ROOT / "params" / name).compass.port
-
-
-@pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])
-def test_the_examples_listen_to_nothing_beyond_this_computer(name):
-    urls = [parse_url(url) for url in load(ROOT / "params" / name).link_urls]
+def test_examples_are_valid_and_accept_only_local_connections(name):
+    vehicle = load(ROOT / "params" / name)
+    assert vehicle.compass.port
+    urls = [parse_url(url) for url in vehicle.link_urls]
     assert all(url.host == "127.0.0.1" for url in urls if url.kind in ("udpin", "tcpin"))
 
 
 @pytest.mark.parametrize(
     "driver", [driver for drivers in SECTIONS.values() for driver in drivers.values()], ids=lambda driver: driver.device
 )
-def test_every_option_has_a_description(driver):
+def test_options_have_a_description(driver):
     for name, meaning in meanings(driver.options).items():
         assert meaning.text, name
 
 
-def test_all_problems_are_reported_with_line_and_place(write, tmp_path):
+def test_all_problems_are_reported_with_their_location(write, tmp_path):
     (tmp_path / "boat.param").write_text("CTL_K1 1e9\nCTL_KK 1\n")
-    wrong = {
+    replacements = {
         'name = "Ocean Rambler"': "name = 5",
         "baud = 4800": "baud = 1\nparity = 0",
         '["HDT"]': '["HDX"]',
@@ -186,33 +172,33 @@ def test_all_problems_are_reported_with_line_and_place(write, tmp_path):
         "length_m = 3.05": "length_m = nan\nbeam_m = 1e300\nlenght_m = 1",
         "CTL_K1 = 41": 'CTL_K1 = 1e300\nCTL_KK = 1\nCTL_K2 = true\nfile = "boat.param"',
     }
-    text = GOOD
-    for old, new in wrong.items():
+    text = VALID
+    for old, new in replacements.items():
         assert old in text
         text = text.replace(old, new, 1)
-    with pytest.raises(VehicleError) as caught:
+    with pytest.raises(VehicleError) as raised:
         load(write(text + "[hulls]\n"))
-    lines = str(caught.value).splitlines()
-    places = (
+    lines = str(raised.value).splitlines()
+    locations = (
         *("section 'hulls'", "[vehicle] name", "[compass] 'parity'", "[compass] baud", "[compass] sentences"),
         *("[rudder] 'slew'", "[rudder] id", "[position] port is missing", "[hull] 'lenght_m'", "[hull] length_m"),
         *("[hull] beam_m", "[link] 'url'", "[link] urls", "boat.param:1: CTL_K1", "boat.param:2: unknown"),
         *("[parameters] CTL_K1", "[parameters] unknown parameter 'CTL_KK'", "[parameters] CTL_K2"),
     )
-    for place in places:
-        assert sum(place in line for line in lines) == 1, (place, lines)
-    assert len(lines) == len(places)
+    for location in locations:
+        assert sum(location in line for line in lines) == 1, (location, lines)
+    assert len(lines) == len(locations)
     assert all(str(tmp_path) in line for line in lines)
 
 
-def test_a_missing_key_is_not_reported_beside_an_unknown_one(write):
-    with pytest.raises(VehicleError) as caught:
-        load(write(GOOD.replace("[compass]", "[compas]").replace("baud = 115200", "boud = 115200")))
-    assert len(str(caught.value).splitlines()) == 2
+def test_missing_key_is_not_reported_beside_an_unknown_one(write):
+    with pytest.raises(VehicleError) as raised:
+        load(write(VALID.replace("[compass]", "[compas]").replace("baud = 115200", "boud = 115200")))
+    assert len(str(raised.value).splitlines()) == 2
 
 
-def test_the_number_of_reported_problems_is_limited(write):
-    text = GOOD + "".join(f"NONE_{number} = 1\n" for number in range(2000))
-    with pytest.raises(VehicleError) as caught:
+def test_number_of_reported_problems_is_limited(write):
+    text = VALID + "".join(f"NONE_{number} = 1\n" for number in range(2000))
+    with pytest.raises(VehicleError) as raised:
         load(write(text))
-    assert len(str(caught.value).splitlines()) == MAX_PROBLEMS
+    assert len(str(raised.value).splitlines()) == MAX_PROBLEMS

@@ -1,4 +1,4 @@
-"""The version as the commands say it: from a checkout, from a built package, from neither."""
+"""Version and commit in a checkout, in a built package, and without either."""
 
 import subprocess
 
@@ -10,16 +10,16 @@ import hil.__main__
 from firmware_py import COMMIT_FILE, ROOT, commit_of, commit_utc_s_of, version_text
 
 
-def git(folder, *words):
+def git(folder, *arguments):
     identity = ("-c", "user.name=A", "-c", "user.email=a@example.org")
     return subprocess.run(
-        ("git", *identity, *words), cwd=folder, check=True, capture_output=True, text=True
+        ("git", *identity, *arguments), cwd=folder, check=True, capture_output=True, text=True
     ).stdout.strip()
 
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A repository with one commit and the tag that must not be taken for it."""
+    """A repository with one commit, and a tag that must not be reported."""
     git(tmp_path, "init", "-q")
     (tmp_path / "boat").write_text("content")
     git(tmp_path, "add", ".")
@@ -30,27 +30,19 @@ def checkout(tmp_path):
 
 @pytest.fixture
 def package(tmp_path):
-    """A tree as a built package has it: no repository, the commit in a file."""
+    """The tree of a built package: the commit in a file, no repository."""
     file = tmp_path / COMMIT_FILE
     file.parent.mkdir(parents=True)
     file.write_text("0123abcd\n")
     return tmp_path
 
 
-def test_a_checkout_has_its_commit(checkout):
-    found = commit_of(checkout)
-    assert len(found) == 8
-    assert git(checkout, "rev-parse", "HEAD").startswith(found)
-
-
-def test_a_modified_checkout_is_dirty(checkout):
-    clean = commit_of(checkout)
-    (checkout / "boat").write_text("aground")
-    assert commit_of(checkout) == f"{clean}-dirty"
-
-
-def test_a_built_package_has_its_commit(package):
-    assert commit_of(package) == "0123abcd"
+def test_commit_of_a_checkout(checkout):
+    commit = commit_of(checkout)
+    assert len(commit) == 8
+    assert git(checkout, "rev-parse", "HEAD").startswith(commit)
+    (checkout / "boat").write_text("changed")
+    assert commit_of(checkout) == f"{commit}-dirty"
 
 
 @pytest.mark.parametrize(
@@ -61,31 +53,28 @@ def test_a_built_package_has_its_commit(package):
         ("0\nyesterday", "0", None),
     ],
 )
-def test_a_built_package_has_its_commit_time(package, text, commit, utc_s):
+def test_commit_and_time_of_a_built_package(package, text, commit, utc_s):
     (package / COMMIT_FILE).write_text(text)
     assert (commit_of(package), commit_utc_s_of(package)) == (commit, utc_s)
 
 
-def test_a_tree_inside_another_repository_has_no_commit(checkout):
+def test_folder_in_another_repository_has_no_commit(checkout):
     inside = checkout / "site-packages"
     inside.mkdir()
     assert commit_of(inside) == ""
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe"], ids=["empty", "not text"])
-def test_a_damaged_commit_file_is_an_unknown_commit(package, content):
+def test_damaged_commit_file_is_an_unknown_commit(package, content):
     (package / COMMIT_FILE).write_bytes(content)
     assert commit_of(package) == ""
 
 
-def test_a_checkout_without_git_on_the_machine_is_an_unknown_commit(checkout, monkeypatch):
+def test_checkout_without_git_or_without_a_commit_is_an_unknown_commit(checkout, tmp_path, monkeypatch):
+    git(tmp_path, "init", "-q", "empty")
+    assert commit_of(tmp_path / "empty") == ""
     monkeypatch.setenv("PATH", str(checkout))
     assert commit_of(checkout) == ""
-
-
-def test_a_repository_without_a_commit_is_an_unknown_commit(tmp_path):
-    git(tmp_path, "init", "-q")
-    assert commit_of(tmp_path) == ""
 
 
 @pytest.mark.parametrize("command", [firmware_py.__main__, hil.__main__], ids=["rambler", "rambler-hil"])
@@ -99,5 +88,5 @@ def test_both_commands_print_version_and_commit(command, capsys):
     assert commit == (["(git", f"{known})"] if known else [])
 
 
-def test_an_unknown_commit_is_left_out():
+def test_unknown_commit_is_omitted():
     assert version_text("rambler", "") == f"rambler {firmware_py.__version__}"

@@ -1,4 +1,4 @@
-"""Which ports are opened for AIS, and what its driver hears on them."""
+"""Ports of the devices: shared serial ports, UDP and TCP."""
 
 import math
 import os
@@ -22,7 +22,7 @@ NMEA = whole_sentence("HCHDT,98.3,T") + whole_sentence("GPRMC,120000.00,A,3600.0
 
 @pytest.fixture
 def ports():
-    """Three lines: their far ends and their names."""
+    """Three serial lines, each with the descriptor of its other end and its path."""
     pairs = [pty.openpty() for _ in range(3)]
     yield [(master, os.ttyname(slave)) for master, slave in pairs]
     for master, slave in pairs:
@@ -30,7 +30,7 @@ def ports():
         os.close(slave)
 
 
-def opened(tmp_path, compass, position, ais):
+def open_vehicle(tmp_path, compass, position, ais):
     def section(driver, port):
         return {"driver": driver, "port": port, **({} if port.startswith("udp:") else {"baud": 38400})}
 
@@ -40,7 +40,7 @@ def opened(tmp_path, compass, position, ais):
     return open_devices(parse(data, tmp_path / "boat.toml"), wait=True)
 
 
-def read(devices, seconds=0.2):
+def read_counts(devices, seconds=0.2):
     for line in devices.lines:
         if line.connected:
             select.select([line], [], [], 60.0)
@@ -50,22 +50,22 @@ def read(devices, seconds=0.2):
     return len(devices.compass.poll()), len(devices.position.poll()), len(devices.vessels.poll())
 
 
-@pytest.mark.parametrize("places", [(0, 1, 2), (0, 0, 0), (0, 1, 1), (0, 1, 0), (0, 0, 1)])
-def test_ais_has_a_port_of_its_own_or_shares_one(tmp_path, ports, places):
-    devices = opened(tmp_path, *(ports[place][1] for place in places))
+@pytest.mark.parametrize("port_numbers", [(0, 1, 2), (0, 0, 0), (0, 1, 1), (0, 1, 0), (0, 0, 1)])
+def test_ais_has_its_own_port_or_shares_one(tmp_path, ports, port_numbers):
+    devices = open_vehicle(tmp_path, *(ports[number][1] for number in port_numbers))
     try:
-        for place in set(places):
-            os.write(ports[place][0], SHIP + NMEA + NMEA if place in places[:2] else SHIP)
-        headings, _, ships = read(devices)
+        for number in set(port_numbers):
+            os.write(ports[number][0], SHIP + NMEA + NMEA if number in port_numbers[:2] else SHIP)
+        headings, _, ships = read_counts(devices)
         assert (headings, ships) == (2, 1)
-        assert len(devices.lines) == len(set(places)) + 1
+        assert len(devices.lines) == len(set(port_numbers)) + 1
     finally:
         close_all(devices.lines)
 
 
-def test_ais_comes_by_udp(tmp_path, ports):
+def test_ais_by_udp(tmp_path, ports):
     (port,) = unused_ports(["udpin"])
-    devices = opened(tmp_path, ports[0][1], ports[1][1], f"udp:{port}")
+    devices = open_vehicle(tmp_path, ports[0][1], ports[1][1], f"udp:{port}")
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             sender.sendto(SHIP.rstrip(), ("127.0.0.1", port))
@@ -78,22 +78,22 @@ def test_ais_comes_by_udp(tmp_path, ports):
         close_all(devices.lines)
 
 
-WRONG = ["udp:", "udp:0", "udp:70000", "udp:x", "udp:127.0.0.1:1a", "udp:192.0.2.1:10110"]
+INVALID_UDP_PORTS = ["udp:", "udp:0", "udp:70000", "udp:x", "udp:127.0.0.1:1a", "udp:192.0.2.1:10110"]
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_an_address_that_cannot_be_listened_at_is_refused_in_one_line(name):
+@pytest.mark.parametrize("name", INVALID_UDP_PORTS)
+def test_invalid_udp_port_is_rejected_in_one_line(name):
     with pytest.raises(PortError, match=r"^port udp:[^\n]*(write udp:PORT|choose another)[^\n]*$"):
         UdpLine(name).open()
 
 
 @pytest.mark.parametrize("name", ["tcp:", "tcp:10110", "tcp:boat.local:10110", "tcp:127.0.0.1:0", "tcp:[::1]:10110"])
-def test_a_server_that_is_no_address_is_refused_in_one_line(name):
+def test_invalid_tcp_server_is_rejected_in_one_line(name):
     with pytest.raises(PortError, match=r"^port tcp:[^\n]*: write tcp:ADDRESS:PORT [^\n]*$"):
         TcpLine(name).open()
 
 
-def test_a_compass_comes_by_tcp_and_again_after_its_server_has_ended(tmp_path, ports):
+def test_compass_by_tcp_is_read_again_after_its_server_has_closed(tmp_path, ports):
     with socket.create_server(("127.0.0.1", 0)) as server:
         data = {
             "compass": {"driver": "nmea", "port": f"tcp:127.0.0.1:{server.getsockname()[1]}"},
@@ -102,22 +102,22 @@ def test_a_compass_comes_by_tcp_and_again_after_its_server_has_ended(tmp_path, p
         devices = open_devices(parse(data, tmp_path / "boat.toml"), wait=False)
         line = devices.lines[0]
         try:
-            for moment_s in (1.0, 3.0):
+            for now_s in (1.0, 3.0):
                 with server.accept()[0] as client:
-                    client.sendall(whole_sentence("HCHDT,45.0,T") + b"$HCHDT,46.0")  # cut off
+                    client.sendall(whole_sentence("HCHDT,45.0,T") + b"$HCHDT,46.0")  # truncated
                     select.select([line.fileno()], [], [], 5.0)
-                    devices.compass.receive(moment_s)
-                    assert [round(math.degrees(one.heading_rad)) for one in devices.compass.poll()] == [45]
+                    devices.compass.receive(now_s)
+                    assert [round(math.degrees(sample.heading_rad)) for sample in devices.compass.poll()] == [45]
                 select.select([line.fileno()], [], [], 5.0)
-                devices.compass.receive(moment_s)
+                devices.compass.receive(now_s)
                 assert line.fileno() == -1
-                line.reopen(moment_s + 1.0)
+                line.reopen(now_s + 1.0)
                 assert line.openings > 1
         finally:
             close_all(devices.lines)
 
 
-def test_a_server_that_is_not_there_is_tried_again():
+def test_missing_tcp_server_is_tried_again():
     (port,) = unused_ports(["tcpin"])
     line = TcpLine(f"tcp:127.0.0.1:{port}")
     line.open()
@@ -128,7 +128,7 @@ def test_a_server_that_is_not_there_is_tried_again():
     line.close()
 
 
-def test_an_address_that_is_taken_is_waited_for():
+def test_used_udp_port_is_opened_when_it_is_free():
     (port,) = unused_ports(["udpin"])
     first, second = UdpLine(f"udp:{port}"), UdpLine(f"udp:{port}")
     first.open()

@@ -1,8 +1,8 @@
-"""Trial of an update: report, success after a running time, and report of a roll-back."""
+"""Trial of an update: reports, success after the running time, roll-back."""
 
 import pytest
 
-from firmware_py.assemble.trial import TrialWatch, link_of
+from firmware_py.assemble.trial import TrialWatch, find_program_link
 from firmware_py.install.program_link import TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
 from firmware_py.system.store import Store
 
@@ -17,51 +17,51 @@ def link(tmp_path):
 
 @pytest.fixture
 def store(tmp_path):
-    kept = Store(tmp_path / "state")
-    yield kept
-    kept.close()
+    store = Store(tmp_path / "state")
+    yield store
+    store.close()
 
 
 def watch(link, store):
     texts, notices = [], []
-    made = TrialWatch(link, store, notices, texts.append)
+    trial = TrialWatch(link, store, notices, texts.append)
     assert [event.text for event in notices] == texts
-    return made, texts, notices
+    return trial, texts, notices
 
 
 def test_no_report_without_a_trial(link, store):
-    for one in (link, None):
-        made, texts, _ = watch(one, store)
-        made.update(None, 0.0)
-        made.update(None, 10.0 * TRIAL_S)
-        assert (made.text, texts) == ("", [])
+    for program_link in (link, None):
+        trial, texts, _ = watch(program_link, store)
+        trial.update(None, 0.0)
+        trial.update(None, 10.0 * TRIAL_S)
+        assert (trial.text, texts) == ("", [])
     store.settle()
     assert store.load(UPDATE_FILE) is None
 
 
-def test_a_trial_passes_after_its_running_time(link, store, tmp_path):
+def test_trial_passes_after_its_running_time(link, store, tmp_path):
     link.switch(program := tmp_path / "new/bin/rambler")
     (tmp_path / ".rambler.trial").write_text(f"{program}\nstart\nstart\n")
-    made, texts, notices = watch(link, store)
-    assert made.text == "On trial: new, start 2 of 3"
+    trial, texts, notices = watch(link, store)
+    assert trial.text == "On trial: new, start 2 of 3"
     for now_s in (5.0, 4.9 + TRIAL_S):
-        made.update(None, now_s)
+        trial.update(None, now_s)
     assert len(texts) == 1
-    made.update(None, 5.0 + TRIAL_S)
-    made.update(None, 6.0 + TRIAL_S)
-    assert texts[1:] == [made.text] == ["Trial passed: new"]
+    trial.update(None, 5.0 + TRIAL_S)
+    trial.update(None, 6.0 + TRIAL_S)
+    assert texts[1:] == [trial.text] == ["Trial passed: new"]
     assert [event.text for event in notices] == texts
     store.settle()
     assert store.load(UPDATE_FILE) == passed_text(program).encode()
 
 
-def test_a_roll_back_is_reported(link, store, tmp_path):
+def test_roll_back_is_reported(link, store, tmp_path):
     (tmp_path / ".rambler.failed").write_text(f"{tmp_path}/new/bin/rambler\nstart\nstart\nstart\n")
     assert watch(link, store)[0].text == "Update rolled back: new failed 3 starts"
 
 
-def test_a_program_without_a_program_link_has_no_trial(tmp_path, link):
+def test_program_without_a_link_has_no_trial(tmp_path, link):
     (tmp_path / "plain").touch()
-    assert link_of(str(tmp_path / "plain")) is None
-    assert link_of("rambler") is None
-    assert link_of(str(link.path)).path == link.path
+    assert find_program_link(str(tmp_path / "plain")) is None
+    assert find_program_link("rambler") is None
+    assert find_program_link(str(link.path)).path == link.path

@@ -1,4 +1,4 @@
-"""What is wired at a start: parameters from the vehicle file and the state directory."""
+"""Start of the autopilot: parameters, reports, failed starts, late disks, released resources."""
 
 import argparse
 import select
@@ -40,66 +40,66 @@ def vehicle(tmp_path):
 
 
 def start(vehicle, directory):
-    """Wire an autopilot, end it, and return the parameters that it had."""
+    """Start an autopilot and end it; return its parameters."""
     assembly = assemble(vehicle, Options(directory / "state", wait=True))
     values = assembly.parts.autopilot.parameters()
     assembly.close()
     return values
 
 
-def test_starts_are_counted_and_no_file_sets_the_count(vehicle, tmp_path):
+def test_starts_are_counted_and_the_vehicle_file_does_not_set_the_count(vehicle, tmp_path):
     assert vehicle_parameters(vehicle)["STAT_BOOTCNT"] == 0.0
     assert [start(vehicle, tmp_path)["STAT_BOOTCNT"] for _ in range(3)] == [1.0, 2.0, 3.0]
     assert start(vehicle, tmp_path)["CTL_K1"] == 41.0
 
 
-def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tmp_path):
+def test_ground_stations_can_access_logs_and_uploads(vehicle, tmp_path):
     assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
     try:
         tree = assembly.endpoint._services.tree
         assert {name: area.writable for name, area in tree.areas.items()} == {"logs": False, "uploads": True}
-        assert assembly.endpoint.descriptors()  # that of the thread that waits for the disk
+        assert assembly.endpoint.descriptors()
     finally:
         assembly.close()
 
 
-def test_closing_ends_all_threads(vehicle, tmp_path):
+def test_close_ends_all_threads(vehicle, tmp_path):
     before = set(threading.enumerate())
     start(vehicle, tmp_path)
     assert set(threading.enumerate()) == before
 
 
-def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, capfd):
+def test_lost_mission_is_reported_at_start(vehicle, tmp_path, capfd):
     start(vehicle, tmp_path)
     (tmp_path / "state" / "mission.plan.0").write_bytes(bytes(4096))
     assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
     assembly.close()
-    reported = "mission.plan.0 is damaged: there is no mission"
-    assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, reported)]
-    assert reported in "".join(capfd.readouterr())
+    expected = "mission.plan.0 is damaged: there is no mission"
+    assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, expected)]
+    assert expected in "".join(capfd.readouterr())
 
 
 def test_start_messages_are_not_printed_twice(vehicle, tmp_path, capfd):
     arguments = argparse.Namespace(watchdog=None, wait=True)
-    for _ in range(2):  # the first one is cut off
+    for _ in range(2):  # the first one ends without a record
         assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
         _supervise(assembly, arguments)
         for event in assembly.parts.notices:
             assembly.parts.print_event(event)
         assembly.close()
-    reported = "Started again: cut off (the first time)"
-    assert capfd.readouterr().err.count(reported) == 1
-    assert [event.text for event in assembly.parts.notices].count(reported) == 1
+    expected = "Started again: cut off (the first time)"
+    assert capfd.readouterr().err.count(expected) == 1
+    assert [event.text for event in assembly.parts.notices].count(expected) == 1
 
 
-def begun(directory, vehicle, how, after_s=1.0):
-    """Start an autopilot and end it so; return the parameters that it had and what it reported."""
+def run_once(directory, vehicle, ending, after_s=1.0):
+    """Start an autopilot and end it; return three of its parameters and its reports."""
     assembly = assemble(vehicle, Options(directory / "state", wait=True))
     supervision = _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
     assembly.parts.after_tick(None, assembly.parts.clock.now_s() + after_s)
-    if how == "fails":
+    if ending == "fails":
         supervision.end_with_error("ValueError: math domain error")
-    elif how == "ends":
+    elif ending == "ends":
         supervision.end(restart=False)
     values = assembly.parts.autopilot.parameters()
     assembly.close()
@@ -107,8 +107,8 @@ def begun(directory, vehicle, how, after_s=1.0):
 
 
 @pytest.fixture
-def misled(vehicle, tmp_path, monkeypatch):
-    """A boat whose operator has set what its vehicle file has otherwise."""
+def directory_with_parameters(vehicle, tmp_path, monkeypatch):
+    """A state directory with other parameters than the vehicle file."""
     monkeypatch.setattr("firmware_py.assemble.wiring.report_status", lambda *_words: None)
     store = Store(tmp_path / "state")
     store.save("parameters.param", b"CTL_K1 55\nMDL_K 20\nRUD_REVERSE 1\n")
@@ -116,45 +116,45 @@ def misled(vehicle, tmp_path, monkeypatch):
     return tmp_path
 
 
-STORED, OF_VEHICLE, BUILT_IN = [55.0, 20.0, 1.0], [41.0, 0.049, 1.0], [40.0, 0.049, 1.0]
+STORED, VEHICLE_FILE, BUILT_IN = [55.0, 20.0, 1.0], [41.0, 0.049, 1.0], [40.0, 0.049, 1.0]
 
 
-def test_after_three_early_failures_control_starts_with_the_parameters_of_the_vehicle_file(vehicle, misled):
-    for expected in (STORED,) * 3 + (OF_VEHICLE,) * 3 + (BUILT_IN,) * 4:
-        values, texts = begun(misled, vehicle, "fails")
+def test_early_failures_replace_the_stored_steering_parameters(vehicle, directory_with_parameters):
+    for expected in (STORED,) * 3 + (VEHICLE_FILE,) * 3 + (BUILT_IN,) * 4:
+        values, texts = run_once(directory_with_parameters, vehicle, "fails")
         assert [round(value, 3) for value in values] == expected
     assert "9 starts failed: built-in steering parameters" in texts
     assert "Stored but not used: CTL_K1 55, MDL_K 20" in texts
-    kept = StateFiles(misled / "state").load("parameters.param").decode()
+    kept = StateFiles(directory_with_parameters / "state").load("parameters.param").decode()
     assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(kept.splitlines())
 
 
-@pytest.mark.parametrize(("how", "after_s"), [("ends", 1.0), ("fails", 61.0), ("is cut off", 61.0)])
-def test_a_long_or_regular_run_resets_the_count_of_failed_starts(how, after_s, vehicle, misled):
+@pytest.mark.parametrize(("ending", "after_s"), [("ends", 1.0), ("fails", 61.0), ("is cut off", 61.0)])
+def test_long_or_regular_run_resets_the_count_of_failed_starts(ending, after_s, vehicle, directory_with_parameters):
     for _ in range(2):
-        begun(misled, vehicle, "fails")
-    begun(misled, vehicle, how, after_s)
+        run_once(directory_with_parameters, vehicle, "fails")
+    run_once(directory_with_parameters, vehicle, ending, after_s)
     for _ in range(3):
-        assert begun(misled, vehicle, "fails")[0] == STORED
-    assert begun(misled, vehicle, "fails")[0] != STORED
+        assert run_once(directory_with_parameters, vehicle, "fails")[0] == STORED
+    assert run_once(directory_with_parameters, vehicle, "fails")[0] != STORED
 
 
-def test_power_cuts_are_no_failures(vehicle, misled):
+def test_power_cuts_are_not_counted_as_failures(vehicle, directory_with_parameters):
     for _ in range(5):
-        assert begun(misled, vehicle, "is cut off")[0] == STORED
+        assert run_once(directory_with_parameters, vehicle, "is cut off")[0] == STORED
 
 
-def test_early_watchdog_resets_count_as_failed_starts(vehicle, misled):
+def test_early_watchdog_resets_are_counted_as_failures(vehicle, directory_with_parameters):
     for runs in range(4):
-        (misled / "ended").write_text("2 watchdog killed ABRT\n")
-        options = Options(misled / "state", wait=True, runtime=misled)
+        (directory_with_parameters / "ended").write_text("2 watchdog killed ABRT\n")
+        options = Options(directory_with_parameters / "state", wait=True, runtime=directory_with_parameters)
         assembly = assemble(vehicle, options)
         _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
         assert (assembly.parts.autopilot.parameters()["MDL_K"] == 20.0) == (runs < 3)
         assembly.close()
 
 
-def test_what_happens_again_is_shown_again(capfd):
+def test_console_prints_a_repeated_event_again(capfd):
     console = Console()
     console.ahead("it is so")
     for head in "abc":
@@ -164,7 +164,7 @@ def test_what_happens_again_is_shown_again(capfd):
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_failed_thread_start_is_one_line_and_releases_everything(number, vehicle, tmp_path, monkeypatch, capfd):
+def test_failed_thread_start_is_one_line_and_releases_everything(number, vehicle, tmp_path, monkeypatch, capfd):
     """Console, store, log and file transfer have one each."""
     real, started = threading.Thread.start, []
 
@@ -186,18 +186,18 @@ def test_a_failed_thread_start_is_one_line_and_releases_everything(number, vehic
     Store(tmp_path / "state").close()
 
 
-def assembled_before_its_disk(vehicle, tmp_path, monkeypatch, key):
-    """Wire an autopilot whose state directory comes later, with a key in it."""
+def assemble_before_disk(vehicle, tmp_path, monkeypatch, key):
+    """Start an autopilot whose state directory, with a signing key in it, is mounted later."""
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
     kept = Store(tmp_path / "kept", private=(SIGNING_FILE,))
     kept.save(SIGNING_FILE, key, both_slots=True)
     kept.close()
-    (tmp_path / "state").touch()  # in the way
+    (tmp_path / "state").touch()  # a file instead of the directory
     return assemble(vehicle, Options(tmp_path / "state", wait=True))
 
 
-def let_arrive(assembly, tmp_path):
-    # In one step: with nothing in its way the store would make the directory itself.
+def mount_disk(assembly, tmp_path):
+    # Atomic, because the store would create a missing directory.
     (tmp_path / "link").symlink_to("kept")
     (tmp_path / "link").replace(tmp_path / "state")
     store = assembly.parts.store
@@ -210,43 +210,43 @@ KEY = to_text(KeyRecord(bytes(32 * [7]), 10**13, {}))
 
 
 @pytest.mark.parametrize(
-    ("content", "active", "reported"),
+    ("content", "active", "expected"),
     [
         (KEY, True, ["Signing key loaded and active"]),
         (b"rubbish", False, ["signing.key lost: what is stored is no signing key; set or remove the key"]),
         (b"", False, []),
     ],
 )
-def test_a_key_on_a_disk_mounted_late_is_used(content, active, reported, vehicle, tmp_path, monkeypatch):
-    assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, content)
-    at_start = len(assembly.parts.notices)
-    let_arrive(assembly, tmp_path)
+def test_key_on_a_disk_mounted_late_is_used(content, active, expected, vehicle, tmp_path, monkeypatch):
+    assembly = assemble_before_disk(vehicle, tmp_path, monkeypatch, content)
+    notices_at_start = len(assembly.parts.notices)
+    mount_disk(assembly, tmp_path)
     assert assembly.endpoint._signing.active is active
     assert bool(assembly.endpoint.key_problem) is (content == b"rubbish")
-    texts = [event.text for event in assembly.parts.notices[at_start:] if "igning" in event.text]
-    assert [text[: len(start)] for text, start in zip(texts, reported, strict=True)] == reported
+    texts = [event.text for event in assembly.parts.notices[notices_at_start:] if "igning" in event.text]
+    assert [text[: len(start)] for text, start in zip(texts, expected, strict=True)] == expected
     assembly.close()
 
 
-@pytest.mark.parametrize("another", [bytes(32 * [9]), None])
-def test_a_key_set_or_removed_before_the_disk_is_mounted_stays(another, vehicle, tmp_path, monkeypatch):
-    assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, KEY)
+@pytest.mark.parametrize("other_key", [bytes(32 * [9]), None])
+def test_key_set_or_removed_before_the_disk_is_mounted_is_kept(other_key, vehicle, tmp_path, monkeypatch):
+    assembly = assemble_before_disk(vehicle, tmp_path, monkeypatch, KEY)
     signing = assembly.endpoint._signing
-    if another:
-        assert signing.set_key(another, 10**13)
+    if other_key:
+        assert signing.set_key(other_key, 10**13)
     else:
         signing.remove_key()
-    let_arrive(assembly, tmp_path)
+    mount_disk(assembly, tmp_path)
     assembly.close()
     record = find_key(stored_key(tmp_path / "state")).record
-    assert (record and record.key) == another
-    assert signing._key == another
+    assert (record and record.key) == other_key
+    assert signing._key == other_key
 
 
-@pytest.mark.parametrize(("host", "reported"), [("0.0.0.0", True), ("127.0.0.1", False)])
-def test_an_open_link_is_reported_at_start(vehicle, tmp_path, host, reported):
+@pytest.mark.parametrize(("host", "expected"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_open_link_is_reported_at_start(vehicle, tmp_path, host, expected):
     url = f"udpin:{host}:{unused_ports(['udpin'])[0]}"
     assembly = assemble(vehicle, Options(tmp_path / "state", (url,), wait=True))
     assembly.close()
     text = f"Open link: anyone on {url} can command; set a signing key"
-    assert [event.text for event in assembly.parts.notices] == [text] * reported
+    assert [event.text for event in assembly.parts.notices] == [text] * expected

@@ -114,7 +114,7 @@ def shorten_filter(data):
 
 
 def enlarge_indexes(data):
-    data["fault_latch"] |= {"since_s": [], "stood_s": [0.0], "active": 1 << 40}
+    data["fault_latch"] |= {"since_s": [], "last_present_s": [0.0], "active": 1 << 40}
     data["guidance"]["mission"]["index"] = 10**300
 
 

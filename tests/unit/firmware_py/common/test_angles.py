@@ -1,3 +1,5 @@
+"""Wrapping and limiting of angles."""
+
 import math
 
 import pytest
@@ -13,7 +15,7 @@ ANGLES = st.floats(-1e6, 1e6)
     ("angle_rad", "expected_rad"),
     [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5, 3.5 - 2 * math.pi), (-3.5, 2 * math.pi - 3.5)],
 )
-def test_wrap_pi_at_the_edges(angle_rad, expected_rad):
+def test_wrap_pi_at_its_limits(angle_rad, expected_rad):
     assert wrap_pi(angle_rad) == pytest.approx(expected_rad, abs=1e-12)
 
 
@@ -36,29 +38,26 @@ def test_wrap_two_pi_is_half_open_or_nan(angle_rad):
 
 
 @given(ANGLES)
-def test_wrapping_has_the_bits_of_the_c_library(angle_rad):
-    """Twin and firmware agree to the last bit, and logs of before are replayed."""
+def test_wrapping_equals_fmod_bit_for_bit(angle_rad):
+    """The lab computes with the same bits, and earlier logs must be replayed."""
 
     def remainder(number):
         rest = math.fmod(number, 2.0 * math.pi)
         return rest + 2.0 * math.pi if rest < 0.0 else rest
 
-    half, whole = remainder(angle_rad + math.pi) - math.pi, remainder(angle_rad)
-    assert wrap_pi(angle_rad) == (-math.pi if half >= math.pi else half)
-    assert wrap_two_pi(angle_rad) == (0.0 if whole >= 2.0 * math.pi else whole)
+    minus_pi_to_pi, zero_to_two_pi = remainder(angle_rad + math.pi) - math.pi, remainder(angle_rad)
+    assert wrap_pi(angle_rad) == (-math.pi if minus_pi_to_pi >= math.pi else minus_pi_to_pi)
+    assert wrap_two_pi(angle_rad) == (0.0 if zero_to_two_pi >= 2.0 * math.pi else zero_to_two_pi)
 
 
-def test_values_just_below_a_turn_do_not_reach_it():
+def test_rounding_does_not_give_a_full_turn():
     for angle_rad in (-1e-17, 2 * math.pi, math.nextafter(2 * math.pi, 0.0), -5e-324):
         assert 0.0 <= wrap_two_pi(angle_rad) < 2 * math.pi
         assert 0.0 <= compass_degrees(angle_rad) < 360.0
-    # Half a turn on, the sum rounds up to a whole one.
+    # The sum in wrap_pi is rounded up to a full turn.
     assert wrap_pi(math.nextafter(-math.pi, -math.inf)) == -math.pi
 
 
-def test_clamp():
+def test_clamp_limits_and_keeps_nan():
     assert [clamp(value, -1.0, 2.0) for value in (-5.0, 0.5, 7.0)] == [-1.0, 0.5, 2.0]
-
-
-def test_clamp_keeps_nan():
     assert math.isnan(clamp(math.nan, -1.0, 2.0))

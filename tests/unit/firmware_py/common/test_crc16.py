@@ -1,4 +1,4 @@
-"""The checksums in Python are those of fastcrc."""
+"""CRC-16 in Python compared with fastcrc and with the check values of the catalogue."""
 
 import fastcrc
 import pytest
@@ -17,14 +17,14 @@ ALGORITHMS = {
 
 @pytest.mark.parametrize("name", ALGORITHMS)
 @given(data=st.binary(max_size=300))
-def test_in_python_as_by_fastcrc(name, data):
-    polynomial, start, reflected = ALGORITHMS[name]
-    assert table_checksum(polynomial, start, reflected=reflected)(data) == getattr(fastcrc.crc16, name)(data)
+def test_python_equals_fastcrc(name, data):
+    polynomial, initial, reflected = ALGORITHMS[name]
+    assert table_checksum(polynomial, initial, reflected=reflected)(data) == getattr(fastcrc.crc16, name)(data)
 
 
 @pytest.mark.parametrize(
     ("name", "check"), [("cms", 0xAEE7), ("umts", 0xFEE8), ("xmodem", 0x31C3), ("mcrf4xx", 0x6F91)]
 )
-def test_the_check_values_of_the_catalogue(name, check):
-    polynomial, start, reflected = ALGORITHMS[name]
-    assert table_checksum(polynomial, start, reflected=reflected)(b"123456789") == check
+def test_check_values_of_the_catalogue(name, check):
+    polynomial, initial, reflected = ALGORITHMS[name]
+    assert table_checksum(polynomial, initial, reflected=reflected)(b"123456789") == check

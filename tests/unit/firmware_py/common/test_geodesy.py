@@ -1,3 +1,5 @@
+"""Distances, bearings, tracks and offsets."""
+
 import math
 
 import pytest
@@ -12,7 +14,7 @@ HERE = Place(0.6, 2.0)
 
 
 @pytest.mark.parametrize(
-    ("here_deg", "there_deg", "distance_m", "bearing_deg"),
+    ("start_deg", "end_deg", "distance_m", "bearing_deg"),
     [
         ((0.0, 0.0), (0.0, 90.0), EARTH_RADIUS_M * math.pi / 2, 90.0),
         ((0.0, 0.0), (1.0, 0.0), EARTH_RADIUS_M * math.pi / 180, 0.0),
@@ -21,75 +23,73 @@ HERE = Place(0.6, 2.0)
         ((45.0, 7.0), (45.0, 7.0), 0.0, 0.0),
     ],
 )
-def test_known_distances_and_bearings(here_deg, there_deg, distance_m, bearing_deg):
-    here, there = Place(*map(math.radians, here_deg)), Place(*map(math.radians, there_deg))
-    found_m, found_rad = here.distance_and_bearing(there)
-    assert found_m == pytest.approx(distance_m, rel=2e-4, abs=1e-6)
-    assert math.degrees(found_rad) == pytest.approx(bearing_deg, abs=0.02)
+def test_distances_and_bearings(start_deg, end_deg, distance_m, bearing_deg):
+    start, end = Place(*map(math.radians, start_deg)), Place(*map(math.radians, end_deg))
+    measured_m, measured_rad = start.distance_and_bearing(end)
+    assert measured_m == pytest.approx(distance_m, rel=2e-4, abs=1e-6)
+    assert math.degrees(measured_rad) == pytest.approx(bearing_deg, abs=0.02)
 
 
-def test_a_metre_is_resolved():
-    found_m, _ = Place(0.8, 0.1).distance_and_bearing(Place(0.8 + 1.0 / EARTH_RADIUS_M, 0.1))
-    assert found_m == pytest.approx(1.0, rel=1e-6)
+def test_distance_of_one_metre():
+    measured_m, _ = Place(0.8, 0.1).distance_and_bearing(Place(0.8 + 1.0 / EARTH_RADIUS_M, 0.1))
+    assert measured_m == pytest.approx(1.0, rel=1e-6)
 
 
-def test_along_the_equator_north_is_to_port():
-    on = track(Place(0.0, 0.0), Place(0.0, 0.001), Place(0.0001, 0.0004))
-    assert on.cross_track_m == pytest.approx(-637.1, abs=0.1)
-    assert on.remaining_m == pytest.approx(0.0006 * EARTH_RADIUS_M, rel=1e-6)
-    assert on.course_rad == pytest.approx(math.pi / 2)
+def test_cross_track_error_to_port_is_negative():
+    position = track(Place(0.0, 0.0), Place(0.0, 0.001), Place(0.0001, 0.0004))
+    assert position.cross_track_m == pytest.approx(-637.1, abs=0.1)
+    assert position.remaining_m == pytest.approx(0.0006 * EARTH_RADIUS_M, rel=1e-6)
+    assert position.course_rad == pytest.approx(math.pi / 2)
 
 
-def test_beyond_the_end_the_rest_is_negative():
-    assert track(HERE, HERE.at_offset(100.0, 0.0), HERE.at_offset(130.0, 5.0)).remaining_m == pytest.approx(
-        -30.0, abs=0.01
-    )
+def test_remaining_distance_is_negative_beyond_the_end():
+    position = track(HERE, HERE.at_offset(100.0, 0.0), HERE.at_offset(130.0, 5.0))
+    assert position.remaining_m == pytest.approx(-30.0, abs=0.01)
 
 
-def test_a_line_needs_a_length():
+def test_track_of_a_line_without_a_length_is_none():
     assert track(HERE, HERE.at_offset(1.0, 0.0), HERE).course_rad % (2 * math.pi) == pytest.approx(0.0, abs=1e-5)
     assert track(HERE, HERE, HERE.at_offset(5.0, 5.0)) is None
 
 
-def test_across_the_date_line_and_over_the_pole_lines_are_short():
-    on = track(Place(0.1, math.pi - 1e-5), Place(0.1, -math.pi + 1e-5), Place(0.1, math.pi))
-    assert abs(on.cross_track_m) < 1e-2
-    assert on.remaining_m == pytest.approx(1e-5 * math.cos(0.1) * EARTH_RADIUS_M, rel=1e-3)
-    over = track(Place(1.57, 0.0), Place(1.57, math.pi), Place(math.pi / 2, 0.3))
-    assert abs(over.cross_track_m) < 1e-3
+def test_tracks_across_the_date_line_and_the_pole():
+    position = track(Place(0.1, math.pi - 1e-5), Place(0.1, -math.pi + 1e-5), Place(0.1, math.pi))
+    assert abs(position.cross_track_m) < 1e-2
+    assert position.remaining_m == pytest.approx(1e-5 * math.cos(0.1) * EARTH_RADIUS_M, rel=1e-3)
+    polar = track(Place(1.57, 0.0), Place(1.57, math.pi), Place(math.pi / 2, 0.3))
+    assert abs(polar.cross_track_m) < 1e-3
 
 
 @given(places, st.floats(-2000.0, 2000.0), st.floats(-2000.0, 2000.0))
 def test_offset_and_distance_agree(place, north_m, east_m):
     if abs(place.latitude_rad) > 1.4:
         return
-    found = place.offset_m(place.at_offset(north_m, east_m))
-    assert found == pytest.approx((north_m, east_m), abs=4.0)
+    assert place.offset_m(place.at_offset(north_m, east_m)) == pytest.approx((north_m, east_m), abs=4.0)
 
 
 @given(places, places, places)
-def test_any_places_give_finite_numbers(start, end, here):
-    on = track(start, end, here)
-    if on is not None:
-        assert all(map(math.isfinite, (on.cross_track_m, on.remaining_m, on.course_rad)))
-        assert abs(on.cross_track_m) <= math.pi / 2 * EARTH_RADIUS_M + 1.0
-        assert 0.0 <= on.course_rad < 2 * math.pi
+def test_tracks_of_any_places_are_finite(start, end, here):
+    position = track(start, end, here)
+    if position is not None:
+        assert all(map(math.isfinite, (position.cross_track_m, position.remaining_m, position.course_rad)))
+        assert abs(position.cross_track_m) <= math.pi / 2 * EARTH_RADIUS_M + 1.0
+        assert 0.0 <= position.course_rad < 2 * math.pi
 
 
 @given(places, st.floats(-1000.0, 1000.0), st.floats(-1000.0, 1000.0))
 def test_nearby_offsets_agree(place, north_m, east_m):
     if abs(place.latitude_rad) > 1.2:
         return
-    there = place.at_offset(north_m, east_m)
+    other = place.at_offset(north_m, east_m)
     for offset in (place.offset_m, place.nearby_offset_m, place.local_offset_m):
-        assert offset(there) == pytest.approx((north_m, east_m), rel=2e-3, abs=1.0)
+        assert offset(other) == pytest.approx((north_m, east_m), rel=2e-3, abs=1.0)
 
 
 @given(places, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5))
-def test_the_local_frame_is_invertible(place, north_m, east_m):
-    there = place.at_local_offset(north_m, east_m)
-    if there is not None:
-        assert place.local_offset_m(there) == pytest.approx((north_m, east_m), abs=1e-4)
+def test_local_offset_is_the_inverse_of_at_local_offset(place, north_m, east_m):
+    other = place.at_local_offset(north_m, east_m)
+    if other is not None:
+        assert place.local_offset_m(other) == pytest.approx((north_m, east_m), abs=1e-4)
     else:
         assert math.pi / 2 - abs(place.latitude_rad) < 1e5 / EARTH_RADIUS_M
 

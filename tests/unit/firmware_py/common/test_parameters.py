@@ -1,3 +1,5 @@
+"""Parameter table, sets of values, and parameter files."""
+
 import math
 import struct
 
@@ -11,7 +13,7 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet, format_file, format_value, parse_file
 
 
-def test_names_fit_mavlink_and_are_unique_and_sorted():
+def test_names_are_short_unique_and_sorted():
     names = [row.name for row in TABLE]
     assert all(1 <= len(name) <= 16 and name.isascii() for name in names)
     assert names == sorted(set(names))
@@ -23,7 +25,7 @@ def test_every_default_is_valid():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1e300, 3.5e38])
-def test_absurd_values_are_refused_for_every_row(value):
+def test_values_that_no_parameter_can_have_are_rejected(value):
     for row in TABLE:
         with pytest.raises(ParameterError, match=row.name):
             row.check(value)
@@ -32,16 +34,16 @@ def test_absurd_values_are_refused_for_every_row(value):
 @given(st.sampled_from(TABLE), st.floats(allow_nan=False, allow_infinity=False))
 def test_stored_values_are_singles_in_range(row, value):
     try:
-        kept = row.check(value)
+        stored = row.check(value)
     except ParameterError:
         return
-    assert to_single(row.minimum) <= kept <= to_single(row.maximum)
-    assert struct.unpack("<f", struct.pack("<f", kept))[0] == kept
+    assert to_single(row.minimum) <= stored <= to_single(row.maximum)
+    assert struct.unpack("<f", struct.pack("<f", stored))[0] == stored
     if row.kind is Kind.INTEGER:
-        assert kept == int(kept)
+        assert stored == int(stored)
 
 
-def test_a_set_is_immutable_and_compared_by_value():
+def test_set_is_immutable_and_compared_by_value():
     base = ParameterSet()
     changed = base.replaced("CTL_K1", 33.3)
     assert base["CTL_K1"] == 40.0
@@ -51,12 +53,12 @@ def test_a_set_is_immutable_and_compared_by_value():
     assert hash(changed.replaced("CTL_K1", 40.0)) == hash(base)
 
 
-def test_an_unknown_name_is_refused_with_near_ones():
+def test_unknown_name_is_rejected_with_similar_names():
     with pytest.raises(ParameterError, match=r"CTL_K3.*CTL_K1"):
         ParameterSet().replaced("CTL_K3", 1.0)
 
 
-def test_integers_are_whole_and_choices_are_known():
+def test_fractions_of_integers_and_unknown_choices_are_rejected():
     with pytest.raises(ParameterError, match="whole"):
         ParameterSet().replaced("LOOP_RATE_HZ", 10.5)
     with pytest.raises(ParameterError, match="ArduPilot"):
@@ -64,10 +66,10 @@ def test_integers_are_whole_and_choices_are_known():
 
 
 @given(st.lists(st.tuples(st.sampled_from(TABLE), st.floats(0.0, 1.0)), max_size=20))
-def test_a_file_round_trips(choices):
+def test_parameter_file_is_written_and_read(choices):
     values = {}
-    for row, part in choices:
-        value = row.minimum + part * (row.maximum - row.minimum)
+    for row, fraction in choices:
+        value = row.minimum + fraction * (row.maximum - row.minimum)
         try:
             values[row.name] = row.check(float(round(value)) if row.kind is Kind.INTEGER else value)
         except ParameterError:
@@ -77,17 +79,17 @@ def test_a_file_round_trips(choices):
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 @example(3.4025001647762064e38)
-def test_singles_are_written_exactly(value):
+def test_formatted_values_are_exact_in_single_precision(value):
     assert to_single(float(format_value(value))) == value
 
 
-def test_ground_station_formats_are_read():
+def test_formats_of_ground_stations():
     text = "# from QGroundControl\n1\t1\tCTL_K1\t41\t9\nCTL_K2 0.5\nLOOP_RATE_HZ,20\n\n"
     assert parse_file(text, "x") == {"CTL_K1": 41.0, "CTL_K2": 0.5, "LOOP_RATE_HZ": 20.0}
 
 
 @pytest.mark.parametrize(
-    ("line", "remedy"),
+    ("line", "reason"),
     [
         ("CTL_K1", "NAME VALUE"),
         ("CTL_K1 forty", "not a number"),
@@ -96,17 +98,17 @@ def test_ground_station_formats_are_read():
         ("CTL_K1 nan", "not a number"),
     ],
 )
-def test_a_bad_line_is_named(line, remedy):
-    with pytest.raises(ParameterError, match=rf"boat.param:2: .*{remedy}"):
+def test_invalid_line_is_reported_with_its_number(line, reason):
+    with pytest.raises(ParameterError, match=rf"boat.param:2: .*{reason}"):
         parse_file(f"CTL_K2 0.3\n{line}\n", "boat.param")
 
 
-def test_the_reference_page_has_every_row():
+def test_reference_page_has_every_row():
     page = markdown()
     assert all(f"`{row.name}`" in page for row in TABLE)
 
 
-def test_counters_are_not_part_of_settings():
-    counted = [row for row in TABLE if row.read_only]
-    assert [row.name for row in counted] == ["ARMING_CHECK", "ARMING_SKIPCHK", "STAT_BOOTCNT"]
+def test_counters_and_constants_are_read_only():
+    read_only_rows = [row for row in TABLE if row.read_only]
+    assert [row.name for row in read_only_rows] == ["ARMING_CHECK", "ARMING_SKIPCHK", "STAT_BOOTCNT"]
     assert all("Read-only." in line for line in markdown().splitlines() if line.startswith("| `STAT_BOOTCNT`"))

@@ -1,3 +1,5 @@
+"""Plans: identity, storage as text, and rounding."""
+
 import json
 import math
 import struct
@@ -24,15 +26,15 @@ HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
 
 
 @given(st.sampled_from(PlanKind), st.lists(items, max_size=5))
-def test_a_plan_is_read_back_as_it_was_written(kind, listed):
-    plan = Plan.of(kind, listed)
-    again, notes = from_text(to_text(plan))
+def test_plan_is_written_and_read(kind, plan_items):
+    plan = Plan.of(kind, plan_items)
+    restored, notes = from_text(to_text(plan))
     assert notes == ()
-    assert again == plan
-    assert repr(again) == repr(plan)  # NaN is not equal to itself, but looks the same
+    assert restored == plan
+    assert repr(restored) == repr(plan)  # NaN is not equal to itself, but has the same repr
 
 
-def test_an_empty_plan_has_no_identity_and_every_change_gives_another():
+def test_identity_is_zero_for_an_empty_plan_and_differs_for_each_change():
     assert Plan.of(PlanKind.RALLY, ()).identity == 0
     plan = Plan.of(PlanKind.MISSION, (HERE, HERE))
     assert plan.identity != 0
@@ -42,29 +44,29 @@ def test_an_empty_plan_has_no_identity_and_every_change_gives_another():
     assert Plan.of(PlanKind.MISSION, (unused,)) == Plan.of(PlanKind.MISSION, (unused,))
 
 
-def test_a_modified_stored_plan_is_refused():
+def test_damaged_text_is_rejected():
     text = to_text(Plan.of(PlanKind.MISSION, (HERE,)))
     items = json.loads(text)["plan"]["items"]
-    one_more = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
-    changes = [(items, one_more), (items, items[:-4]), (items, "!" + items[1:]), ('"kind":0', '"kind":3')]
+    other_items = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
+    changes = [(items, other_items), (items, items[:-4]), (items, "!" + items[1:]), ('"kind":0', '"kind":3')]
     changes += [('"kind":0', '"kind":null'), ('"kind":0,', ""), ('"kind":0', '"kind":' + "[" * 100_000), (text, "")]
-    for touched in (text[:-2], "[]", *(text.replace(old, new) for old, new in changes)):
-        assert touched != text
+    for damaged in (text[:-2], "[]", *(text.replace(old, new) for old, new in changes)):
+        assert damaged != text
         with pytest.raises(ValueError):
-            from_text(touched)
+            from_text(damaged)
 
 
-def test_replacing_one_plan_leaves_the_others():
+def test_replaced_plan_does_not_change_the_others():
     fence = Plan.of(PlanKind.FENCE, (PlanItem(5003),))
     plans = Plans().replaced(fence)
     assert plans.of(PlanKind.FENCE) is fence
     assert (plans.mission, plans.rally) == (Plans().mission, Plans().rally)
 
 
-def test_numbers_are_rounded_to_mavlink_precision_or_refused():
+def test_numbers_are_rounded_to_mavlink_precision_or_rejected():
     (item,) = Plan.of(PlanKind.MISSION, (PlanItem(16, params=(0.1, 0.0, -math.nan, 0.0), z=1e-60),)).items
     assert item.params[0] == struct.unpack("f", struct.pack("f", 0.1))[0]
     assert item.z == 0.0
-    for wrong in (PlanItem(16, z=1e300), PlanItem(16, x=2**31), PlanItem(70_000), PlanItem(16, frame=-1)):
+    for invalid in (PlanItem(16, z=1e300), PlanItem(16, x=2**31), PlanItem(70_000), PlanItem(16, frame=-1)):
         with pytest.raises(struct.error):
-            Plan.of(PlanKind.MISSION, (wrong,))
+            Plan.of(PlanKind.MISSION, (invalid,))

@@ -1,3 +1,5 @@
+"""Texts of system errors: cause and remedy in one line."""
+
 import errno
 import os
 from pathlib import Path
@@ -7,7 +9,7 @@ import pytest
 from firmware_py.common.system_errors import system_error_text
 
 
-def caused(error, cause):
+def with_cause(error, cause):
     try:
         raise error from cause
     except type(error) as raised:
@@ -15,7 +17,7 @@ def caused(error, cause):
 
 
 @pytest.mark.parametrize(
-    ("error", "reported"),
+    ("error", "expected_start"),
     [
         (MemoryError(), "out of memory"),
         (OSError(errno.ENOMEM, "x"), "out of memory"),
@@ -25,20 +27,20 @@ def caused(error, cause):
         (RuntimeError("can't start new thread"), "cannot start a thread or process"),
         (ImportError("libx.so: failed to map segment from shared object"), "out of memory"),
         (ImportError("libx.so: cannot open shared object file: Too many open files"), "too many open files"),
-        (caused(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "out of memory"),
+        (with_cause(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "out of memory"),
         (OSError(errno.ENOSPC, "No space left on device"), "a disk is full (see df)"),
         (OSError(errno.ENOSPC, "No space left on device", "aaa"), "aaa: No space left on device; use another path"),
         (FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']"), "No usable temporary dir"),
         (
-            UnicodeEncodeError("utf-8", "in B\udcf8t/", 4, 5, "surrogates not allowed"),
-            "name 'in B\\udcf8': not representable",
+            UnicodeEncodeError("utf-8", "B\udcf8t/", 1, 2, "surrogates not allowed"),
+            "name 'B\\udcf8': not representable",
         ),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; use another path"),
     ],
 )
-def test_system_errors_are_one_line_with_a_remedy(error, reported):
+def test_text_of_a_system_error_is_one_line_with_a_remedy(error, expected_start):
     text = system_error_text(error)
-    assert text.startswith(reported)
+    assert text.startswith(expected_start)
     assert ";" in text
     assert "\n" not in text
 
@@ -46,11 +48,11 @@ def test_system_errors_are_one_line_with_a_remedy(error, reported):
 @pytest.mark.parametrize(
     "error", [RuntimeError("a mistake"), ValueError("x"), OSError(errno.EIO, os.strerror(errno.EIO)), ImportError("x")]
 )
-def test_program_errors_keep_their_traceback(error):
+def test_other_errors_have_no_text(error):
     assert system_error_text(error) == ""
 
 
-def test_a_removed_working_directory_has_its_own_text(tmp_path, monkeypatch):
+def test_text_of_a_removed_working_directory(tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()

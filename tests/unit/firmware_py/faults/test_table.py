@@ -1,4 +1,4 @@
-"""The conditions of the rows at their edges; tests/process/test_faults.py provokes each in the real program."""
+"""Conditions of the faults present their limits; tests/process/test_faults.py provokes each fault in the program."""
 
 import pytest
 from msgspec.structs import replace
@@ -9,48 +9,17 @@ from firmware_py.faults.latch import judge_conditions
 from firmware_py.faults.row import FaultInput
 from firmware_py.faults.table import TABLE, Fault
 
-NORMAL = FaultInput(
-    faults=0,
-    late_age_s=None,
-    heading_old=False,
-    compass_silent=False,
-    compass_frozen=False,
-    compass_jumping=False,
-    compasses_disagree=False,
-    position_old=False,
-    position_held_back=False,
-    servo_old=False,
-    servo_error=False,
-    servo_temperature_c=30.0,
-    servo_hot_c=70.0,
-    servo_restart_age_s=None,
-    rudder_astray=False,
-    rudder_jammed=False,
-    rudder_overloaded=False,
-    steering_lost=False,
-    steering_reversed=False,
-    oscillating=False,
-    estimate_inconsistent=False,
-    supply_v=12.0,
-    supply_low_v=11.0,
-    battery_charge=0.8,
-    battery_v=12.8,
-    save_charge=0.3,
-    save_v=12.0,
-    keep_charge=0.1,
-    keep_v=11.5,
-    power_silent=False,
-    current_too_strong=False,
-    mission_unusable=False,
-    outside_fence=False,
-    storage=DeviceState.RUNNING,
-    clock=DeviceState.RUNNING,
-    key=DeviceState.RUNNING,
-    station=DeviceState.RUNNING,
-    station_age_s=0.5,
-    station_timeout_s=600.0,
-    vessel_near=False,
-)
+VALUES = {
+    "faults": 0,
+    "servo_temperature_c": 30.0, "servo_hot_c": 70.0,
+    "supply_v": 12.0, "supply_low_v": 11.0,
+    "battery_charge": 0.8, "battery_v": 12.8,
+    "save_charge": 0.3, "save_v": 12.0, "keep_charge": 0.1, "keep_v": 11.5,
+    **dict.fromkeys(("storage", "clock", "key", "station"), DeviceState.RUNNING),
+    "station_age_s": 0.5, "station_timeout_s": 600.0,
+    "late_age_s": None, "servo_restart_age_s": None,
+}  # fmt: skip
+NORMAL = FaultInput(**dict.fromkeys(FaultInput.__struct_fields__, False) | VALUES)
 
 
 def present_faults(**changes):
@@ -63,18 +32,12 @@ def present_faults(**changes):
 
 def test_no_condition_is_present_in_normal_operation_or_without_data():
     assert present_faults() == []
-    assert (
-        present_faults(
-            **dict.fromkeys(
-                ("servo_temperature_c", "supply_v", "battery_charge", "battery_v", "storage", "clock", "station")
-            )
-        )
-        == []
-    )
+    missing = ("servo_temperature_c", "supply_v", "battery_charge", "battery_v", "storage", "clock", "station")
+    assert present_faults(**dict.fromkeys(missing)) == []
 
 
 @pytest.mark.parametrize(
-    ("fault", "before", "at"),
+    ("fault", "absent", "present"),
     [
         (Fault.COMPASS_LOST, {"heading_old": False}, {"heading_old": True}),
         (Fault.VESSEL_NEAR, {"vessel_near": False}, {"vessel_near": True}),
@@ -97,13 +60,13 @@ def test_no_condition_is_present_in_normal_operation_or_without_data():
         ),
     ],
 )
-def test_each_condition_is_present_from_its_limit_on(fault, before, at):
-    assert present_faults(**before) == []
-    assert present_faults(**at) == [fault]
+def test_condition_is_present_beyond_its_limit(fault, absent, present):
+    assert present_faults(**absent) == []
+    assert present_faults(**present) == [fault]
 
 
 @pytest.mark.parametrize(
-    ("fault", "kept", "gone"),
+    ("fault", "still_present", "cleared"),
     [
         (Fault.RUDDER_HOT, {"servo_temperature_c": 65.1}, {"servo_temperature_c": 65.0}),
         (Fault.SUPPLY_LOW, {"supply_v": 11.32}, {"supply_v": 11.34}),
@@ -112,13 +75,13 @@ def test_each_condition_is_present_from_its_limit_on(fault, before, at):
         (Fault.BATTERY_CRITICAL, {"battery_charge": 0.149, "save_charge": 0.0}, {"battery_charge": 0.36}),
     ],
 )
-def test_a_limit_has_hysteresis_once_its_fault_is_set(fault, kept, gone):
-    assert present_faults(**kept) == []
-    assert present_faults(**kept, faults=1 << fault) == [fault]
-    assert present_faults(**gone, faults=1 << fault) == []
+def test_limits_have_hysteresis_while_their_fault_is_set(fault, still_present, cleared):
+    assert present_faults(**still_present) == []
+    assert present_faults(**still_present, faults=1 << fault) == [fault]
+    assert present_faults(**cleared, faults=1 << fault) == []
 
 
-def test_a_full_disk_that_fails_stays_full():
+def test_full_disk_that_fails_remains_full():
     both = sum(1 << fault for fault in (Fault.STORAGE_FULL, Fault.STORAGE_FAILING))
     assert present_faults(storage=DeviceState.FAULTY) == [Fault.STORAGE_FAILING]
     assert set(present_faults(storage=DeviceState.FAULTY, faults=both)) == {Fault.STORAGE_FULL, Fault.STORAGE_FAILING}
@@ -128,16 +91,14 @@ def test_a_full_disk_that_fails_stays_full():
 LOW_AND_CRITICAL = [Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL]
 
 
-def test_an_empty_battery_is_low_and_critical_unless_a_limit_is_0():
+def test_empty_battery_is_low_and_critical_unless_a_limit_is_zero():
     assert present_faults(battery_charge=0.05) == LOW_AND_CRITICAL
     assert present_faults(battery_charge=0.05, keep_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL[:1]
-    assert (
-        present_faults(battery_charge=0.0, battery_v=0.0, save_charge=0.0, save_v=0.0, keep_charge=0.0, keep_v=0.0)
-        == []
-    )
+    no_limits = dict.fromkeys(("save_charge", "save_v", "keep_charge", "keep_v"), 0.0)
+    assert present_faults(battery_charge=0.0, battery_v=0.0, **no_limits) == []
 
 
-def test_without_battery_data_the_faults_stay_until_their_limits_are_0():
+def test_battery_faults_remain_set_without_data_until_their_limits_are_zero():
     both = sum(1 << fault for fault in LOW_AND_CRITICAL)
     unknown = {"battery_charge": None, "battery_v": None}
     assert present_faults(**unknown, faults=both) == LOW_AND_CRITICAL
@@ -145,9 +106,9 @@ def test_without_battery_data_the_faults_stay_until_their_limits_are_0():
     assert present_faults(battery_charge=None, faults=both) == []  # the voltage is normal
 
 
-def test_a_ground_station_is_not_silent_by_its_age_alone():
+def test_age_alone_does_not_make_a_ground_station_silent():
     assert present_faults(station_age_s=1e6) == []
 
 
-def test_every_parameter_of_a_row_exists():
+def test_parameters_of_the_table_exist():
     assert all(row.parameter in INDEX for row in TABLE.values() if row.parameter)
