@@ -14,7 +14,7 @@ from firmware_py.cli.state_owner import check_directory, check_owner, check_read
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.files.reading import read_regular
 from firmware_py.files.writing import exact_modes
-from firmware_py.plans.fence import Breach, breaches
+from firmware_py.plans.fence import Breach, find_breaches
 from firmware_py.plans.items import ROWS, Command, has_position, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
@@ -150,7 +150,7 @@ def _warn_of_breaches(
     """Print and return the breaches of the fence after these plans replace the previous ones."""
     for plan in plans:
         previous = previous.replaced(plan)
-    all_breaches = [breach for breach in breaches(previous) if breach is not None]
+    all_breaches = [breach for breach in find_breaches(previous) if breach is not None]
     for breach in all_breaches:
         first_number = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
         _print_note(f"{source}: warning: {breach.message(first_number)}")

@@ -42,7 +42,7 @@ MAX_REASON_LENGTH: Final = 120
 
 # By the name of the class: former and present names of fields.
 FORMER_NAMES: dict[str, dict[str, str]] = {
-    "AsideState": {"going_on": "unchanged", "told": "is_refusal_reported"},
+    "AvoidanceState": {"going_on": "unchanged", "told": "is_refusal_reported"},
     "Block": {"shown_rad": "compass_rad"},
     "CompassState": {"stay": "plateau"},
     "ConvergenceState": {"told": "not_converging"},

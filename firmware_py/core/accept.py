@@ -29,7 +29,7 @@ from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State, first_item, situation_at
 from firmware_py.guidance import mission_progress
-from firmware_py.guidance.mission_step import steps_of
+from firmware_py.guidance.mission_step import convert_mission
 from firmware_py.modes import ACCEPTED, decide
 from firmware_py.plans.validation import problem_of
 from firmware_py.safety import power_monitor
@@ -111,7 +111,7 @@ def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[Sta
     if intent.paused:
         progress = mission_progress.pause(progress)
     else:
-        progress = mission_progress.resume_mission(progress, steps_of(state.plans.mission))
+        progress = mission_progress.resume_mission(progress, convert_mission(state.plans.mission))
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 
@@ -123,7 +123,7 @@ def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]
     previous, guidance = state.guidance.mission, state.guidance
     if modes.mode is Mode.AUTO:
         progress = mission_progress.for_plan(previous, state.plans.mission.identity)
-        progress = mission_progress.resume_mission(progress, steps_of(state.plans.mission))
+        progress = mission_progress.resume_mission(progress, convert_mission(state.plans.mission))
         if progress.complete and not progress.unusable:
             progress = mission_progress.enter(progress)
         guidance = guidance if progress is previous else replace(guidance, mission=progress)

@@ -52,7 +52,9 @@ def snapshot_of(
         prearm_refusal=arming_obstacle(situation),
         mission=guidance_reports.mission_report(state.guidance, state.plans, state.modes, first_item(state)),
         water=situation.water,
-        navigation=guidance_reports.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
+        navigation=guidance_reports.navigation_report(
+            state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)
+        ),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, is_torque_released=state.torque_release.is_released),
         gain_reduction=state.supervisor.oscillation.gain_reduction,

@@ -26,9 +26,9 @@ from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.position_consistency import PositionConsistency
 from firmware_py.estimate.sources import Source
 from firmware_py.faults.latch import LatchState, arming_refusal
-from firmware_py.guidance import guidance, step_aside
+from firmware_py.guidance import avoidance, guidance
+from firmware_py.guidance.avoidance import AvoidanceSettings, AvoidanceState
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
-from firmware_py.guidance.step_aside import AsideSettings, AsideState
 from firmware_py.guidance.traffic import TrafficSettings, TrafficState
 from firmware_py.modes import ModeState, Situation
 from firmware_py.safety import power_saving
@@ -53,7 +53,7 @@ class Settings(msgspec.Struct, frozen=True):
     battery_limits: BatteryLimits
     fence_enabled: bool
     traffic: TrafficSettings
-    aside: AsideSettings
+    aside: AvoidanceSettings
 
 
 @functools.lru_cache(maxsize=4)
@@ -71,7 +71,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
         battery_limits=BatteryLimits.of(parameters),
         fence_enabled=bool(parameters["FENCE_ENABLE"]),
         traffic=TrafficSettings.of(parameters),
-        aside=AsideSettings.of(parameters),
+        aside=AvoidanceSettings.of(parameters),
     )
 
 
@@ -100,7 +100,7 @@ class State(msgspec.Struct, frozen=True):
     power: PowerMonitorState = PowerMonitorState()
     traffic: TrafficState = TrafficState()
     agreement: PositionConsistency = PositionConsistency()
-    aside: AsideState = step_aside.IDLE
+    aside: AvoidanceState = avoidance.IDLE
 
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:

@@ -134,7 +134,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
         # Without a heading, the predicted heading is the best estimate for the motion.
         heading_rad = state.heading_estimator.heading.heading_rad
-        motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.dead_reckoning_sd_m or 0.0)
+        motion = guidance.make_vessel_motion(place, heading_rad, situation.water, situation.dead_reckoning_sd_m or 0.0)
     guidance_input = GuidanceInput(
         inputs.tick.t_s,
         heading_rad,

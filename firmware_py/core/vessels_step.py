@@ -13,11 +13,11 @@ from firmware_py.common.vessels import Traffic
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.estimate import water
-from firmware_py.guidance import guidance, step_aside, traffic
+from firmware_py.guidance import avoidance, guidance, traffic
 from firmware_py.guidance.approach import Velocity
+from firmware_py.guidance.avoidance import AvoidanceInput, LineAhead
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.steering import SteeringTarget
-from firmware_py.guidance.step_aside import AsideInput, LineAhead
 from firmware_py.guidance.traffic import OwnMotion
 from firmware_py.model.crab import heading_for_course
 from firmware_py.modes import Situation, heading_in_water
@@ -59,10 +59,10 @@ def avoid_vessels(
     if water_report.too_strong:  # the boat cannot leave its track
         return _end_avoidance(state, target)
     line = _followed_line(state.guidance)
-    aside_input = AsideInput(
+    avoidance_input = AvoidanceInput(
         t_s=now_s,
         unchanged_rad=target.heading_rad,
-        motion=guidance.vessel_motion(
+        motion=guidance.make_vessel_motion(
             Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, water_report
         ),
         vessels=tuple(vessel for vessel in state.traffic.vessels if vessel.is_avoidable),
@@ -71,7 +71,7 @@ def avoid_vessels(
         task=state.guidance.task,
         line=None if line is None else LineAhead(*line, heading_in_water(line[1], water_report)),
     )
-    aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, aside_input)
+    aside, events = avoidance.update(settings.aside, settings.traffic, state.aside, avoidance_input)
     state = replace(state, aside=aside)
     if aside.heading_rad is None:
         return state, target, events
@@ -102,9 +102,9 @@ def _courses_m_s(state: State) -> tuple[Velocity, ...]:
 
 def _end_avoidance(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
     """Return the state without avoidance, the unchanged target, and the event of the end."""
-    if state.aside is step_aside.IDLE:
+    if state.aside is avoidance.IDLE:
         return state, target, ()
-    aside, events = step_aside.end(state.aside)
+    aside, events = avoidance.end(state.aside)
     return replace(state, aside=aside), target, events
 
 

@@ -12,35 +12,35 @@ from firmware_py.common.vessels import VesselPosition
 Velocity = tuple[float, float]  # north and east, m/s
 
 
-class Relative(msgspec.Struct, frozen=True):
-    """Position of a vessel relative to the boat, and its velocity over ground, north and east."""
+class RelativeMotion(msgspec.Struct, frozen=True):
+    """Position of a vessel relative to the boat, and its velocity over ground; north and east."""
 
     north_m: float
     east_m: float
     north_m_s: float
     east_m_s: float
 
-    def nearest(self, own_m_s: Velocity, within_s: float) -> tuple[float, float]:
-        """Return the smallest distance [m] within `within_s` from now, and its time [s], for a velocity of the boat."""
+    def closest_approach(self, own_m_s: Velocity, horizon_s: float) -> tuple[float, float]:
+        """Return the smallest distance [m] within `horizon_s` and its time [s]; `own_m_s`: velocity of the boat."""
         north_m_s, east_m_s = self.north_m_s - own_m_s[0], self.east_m_s - own_m_s[1]
-        square = north_m_s * north_m_s + east_m_s * east_m_s
-        when_s = 0.0
-        if square > 0.0:
-            when_s = -(self.north_m * north_m_s + self.east_m * east_m_s) / square
-            when_s = min(max(when_s, 0.0), within_s)
-        return math.hypot(self.north_m + north_m_s * when_s, self.east_m + east_m_s * when_s), when_s
+        speed_squared = north_m_s * north_m_s + east_m_s * east_m_s
+        time_s = 0.0
+        if speed_squared > 0.0:
+            time_s = -(self.north_m * north_m_s + self.east_m * east_m_s) / speed_squared
+            time_s = min(max(time_s, 0.0), horizon_s)
+        return math.hypot(self.north_m + north_m_s * time_s, self.east_m + east_m_s * time_s), time_s
 
 
-def relative(own: Place, position: VesselPosition, now_s: float) -> Relative:
-    """Return the relative position of a vessel now, extrapolated from its last report."""
+def relative_motion(own: Place, position: VesselPosition, now_s: float) -> RelativeMotion:
+    """Return the present relative position and the velocity of a vessel, extrapolated from its last report."""
     north_m, east_m = own.nearby_offset_m(Place(position.latitude_rad, position.longitude_rad))
     north_m_s, east_m_s = velocity(position)
     age_s = now_s - position.t_s
-    return Relative(north_m + north_m_s * age_s, east_m + east_m_s * age_s, north_m_s, east_m_s)
+    return RelativeMotion(north_m + north_m_s * age_s, east_m + east_m_s * age_s, north_m_s, east_m_s)
 
 
 def velocity(position: VesselPosition) -> Velocity:
-    """Return a vessel's velocity over ground; zero if speed or course is unknown."""
+    """Return the velocity of a vessel over ground, north and east in m/s; zero if speed or course is unknown."""
     if position.speed_m_s is None or position.course_rad is None:
         return 0.0, 0.0
     return position.speed_m_s * math.cos(position.course_rad), position.speed_m_s * math.sin(position.course_rad)

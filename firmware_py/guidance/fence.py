@@ -1,4 +1,4 @@
-"""Margin of the boat to the fence, tick by tick."""
+"""Margin of the boat to the fence, updated in each tick."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from firmware_py.common.plan import Plan
 from firmware_py.plans.fence import margin_m
 from firmware_py.plans.items import MAX_DISTANCE_M
 
-# The margin is recomputed when the boat has moved by this fraction of the last margin, and at least by this distance.
+# The margin is recomputed when the boat has moved by more than this fraction of the last margin and this distance.
 RECOMPUTE_FRACTION, RECOMPUTE_DISTANCE_M = 0.1, 2.0
 
 
 class FenceState(msgspec.Struct, frozen=True):
-    """Margin at a place to the fence with checksum `identity`; valid until the boat has moved."""
+    """Margin of a place to the fence with checksum `identity`; used until the boat has moved."""
 
     identity: int = 0
     place: Place | None = None

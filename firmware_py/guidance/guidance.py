@@ -1,6 +1,6 @@
-"""Guidance of a tick: selects the task by mode, goal and plans and follows it.
+"""Guidance of a tick: selects the task by mode, goal and plans, and follows it.
 
-Called by core/step. Tasks are updated twice a second and at each fix; in between, the last result stays in force.
+core/step calls it. Tasks are updated twice a second and at each fix; the result applies until the next update.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from firmware_py.guidance import fence, mission, mission_progress, task_follower
 from firmware_py.guidance.fence import FenceState
 from firmware_py.guidance.mission import MissionInput
 from firmware_py.guidance.mission_progress import MissionProgress
-from firmware_py.guidance.mission_step import steps_of
-from firmware_py.guidance.return_point import places, return_task
+from firmware_py.guidance.mission_step import convert_mission
+from firmware_py.guidance.return_point import list_destinations, return_task
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
@@ -88,8 +88,8 @@ class GuidanceOutput(msgspec.Struct, frozen=True):
     home: Home | None = None
 
 
-def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
-    """Return the motion of the boat; `spread_m` as in VesselMotion."""
+def make_vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
+    """Make the motion of the boat from the estimates; `spread_m` as in VesselMotion."""
     return VesselMotion(
         place=place,
         heading_rad=heading_rad,
@@ -105,9 +105,9 @@ def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: floa
 def update(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> GuidanceOutput:
     """Advance guidance by a tick."""
     modes, motion = inputs.modes, inputs.motion
-    before, state = state, apply_changes(state, modes, inputs.plans)
-    is_new = state is not before or inputs.new_fix
-    if not is_new and state.updated_s is not None and inputs.t_s - state.updated_s < UPDATE_INTERVAL_S:
+    previous, state = state, apply_changes(state, modes, inputs.plans)
+    must_update = state is not previous or inputs.new_fix
+    if not must_update and state.updated_s is not None and inputs.t_s - state.updated_s < UPDATE_INTERVAL_S:
         return GuidanceOutput(state)
     step_s = 0.0 if state.updated_s is None else min(max(0.0, inputs.t_s - state.updated_s), MAX_STEP_S)
     state = replace(state, updated_s=inputs.t_s)
@@ -115,17 +115,17 @@ def update(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInp
         state = replace(state, fence=fence.update(state.fence, inputs.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
         return _update_mission(settings, state, inputs, step_s)
-    return GuidanceOutput(_follow_task(settings, state, _task(settings, state, inputs), inputs, step_s))
+    return GuidanceOutput(_follow_task(settings, state, _select_task(settings, state, inputs), inputs, step_s))
 
 
 def apply_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
     """Return the state for the present mode, arming and mission; the same object if nothing has changed."""
     if (modes.mode, modes.armed) != (state.mode, state.armed):
         state = _enter_mode(state, modes)
-    before = state.mission
-    if before.identity != plans.mission.identity:
-        progress = mission_progress.for_plan(before, plans.mission.identity)
-        if modes.mode is Mode.AUTO and before.started:
+    previous = state.mission
+    if previous.identity != plans.mission.identity:
+        progress = mission_progress.for_plan(previous, plans.mission.identity)
+        if modes.mode is Mode.AUTO and previous.started:
             progress = mission_progress.enter(progress)
         state = replace(state, mission=progress)
     return replace(state, reached=()) if state.reached else state
@@ -154,17 +154,17 @@ def _follow_task(
         settings.tasks, state.follower, task, inputs.motion, step_s, inputs.plans.fence if fence_enabled else None
     )
     if status is None:
-        return state  # without a position, the last target stays in force
+        return state  # without a position, the last target is kept
     return replace(state, task=task, follower=follower, status=status)
 
 
-def _task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+def _select_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
     """Return the task of a mode other than AUTO, or None."""
-    task = _TASKS.get(inputs.modes.mode)
-    return None if task is None else task(settings, state, inputs)
+    select = _TASK_SELECTORS.get(inputs.modes.mode)
+    return None if select is None else select(settings, state, inputs)
 
 
-def _guided_task(settings: GuidanceSettings, _state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+def _select_guided_task(settings: GuidanceSettings, _state: GuidanceState, inputs: GuidanceInput) -> Task | None:
     goal, radii = inputs.modes.goal, settings.tasks
     if not isinstance(goal, PositionGoal):
         return None
@@ -172,30 +172,33 @@ def _guided_task(settings: GuidanceSettings, _state: GuidanceState, inputs: Guid
     return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
 
 
-def _loiter_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
-    """Return the task of LOITER, whose centre is chosen once."""
+def _select_loiter_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    """Return the task of LOITER; its centre is the position at the change to LOITER."""
     if isinstance(state.task, HoldStation):
         return HoldStation(state.task.centre, settings.tasks.station_radius_m)
     return None if inputs.motion is None else HoldStation(inputs.motion.place, settings.tasks.station_radius_m)
 
 
-def _rtl_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
-    """Return the task of RTL; its destination is chosen once, and again if home or the rally points change."""
+def _select_rtl_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    """Return the task of RTL; its destination is selected again only if home or the rally points change."""
     return _return_task(settings, inputs, state.task) or state.task
 
 
-# Tasks of the modes other than AUTO. A task is None if a position is needed to choose it and none is known.
-_TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput], Task | None]] = {
-    Mode.GUIDED: _guided_task,
-    Mode.LOITER: _loiter_task,
-    Mode.RTL: _rtl_task,
+# Selectors of the task in modes other than AUTO; they return None if they need a position and none is known.
+_TASK_SELECTORS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput], Task | None]] = {
+    Mode.GUIDED: _select_guided_task,
+    Mode.LOITER: _select_loiter_task,
+    Mode.RTL: _select_rtl_task,
 }
 
 
-def _return_task(settings: GuidanceSettings, inputs: GuidanceInput, chosen: Task | None) -> GoTo | None:
+def _return_task(settings: GuidanceSettings, inputs: GuidanceInput, present: Task | None) -> GoTo | None:
+    """Return the return task; the destination of the present task is kept while it is valid."""
     with_home, radii = settings.rally_includes_home, settings.tasks
-    if isinstance(chosen, GoTo) and chosen.place in places(inputs.home, inputs.plans.rally, with_home=with_home):
-        return GoTo(chosen.place, None, radii.acceptance_radius_m, radii.station_radius_m)
+    if isinstance(present, GoTo) and present.place in list_destinations(
+        inputs.home, inputs.plans.rally, with_home=with_home
+    ):
+        return GoTo(present.place, None, radii.acceptance_radius_m, radii.station_radius_m)
     if inputs.motion is None:
         return None
     return return_task(radii, inputs.motion, inputs.home, inputs.plans.rally, with_home=with_home)
@@ -204,20 +207,20 @@ def _return_task(settings: GuidanceSettings, inputs: GuidanceInput, chosen: Task
 def _update_mission(
     settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput, step_s: float
 ) -> GuidanceOutput:
-    """Advance the mission; it stands still while disarmed."""
+    """Advance the mission; it stops while the boat is disarmed."""
     if not inputs.modes.armed:
         return GuidanceOutput(state)
     motion = inputs.motion
     mission_input = MissionInput(
         settings=settings.tasks,
-        steps=steps_of(inputs.plans.mission),
+        steps=convert_mission(inputs.plans.mission),
         heading_rad=inputs.heading_rad,
         place=None if motion is None else motion.place,
         spread_m=0.0 if motion is None else motion.spread_m,
         follower=state.follower,
         step_s=step_s,
         utc_s=inputs.utc_s,
-        return_task=lambda chosen: _return_task(settings, inputs, chosen),
+        return_task=lambda present: _return_task(settings, inputs, present),
     )
     output = mission.update(state.mission, mission_input)
     progress, home = output.progress, None
@@ -227,12 +230,12 @@ def _update_mission(
     fence_enabled = state.fence_enabled if output.fence_enabled is None else output.fence_enabled
     state = replace(state, mission=progress, reached=output.reached, fence_enabled=fence_enabled)
     task = progress.pause_task if progress.paused else progress.task
-    if task is not None:  # None while no position is known: the last target stays in force
+    if task is not None:  # None while no position is known: the last target is kept
         state = _follow_task(settings, state, task, inputs, step_s)
     return GuidanceOutput(state, home)
 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
-    """Return the margin of the fence, None if it is disabled or not computed yet."""
-    known = state.fence.identity == plans.fence.identity and state.fence.place is not None
-    return state.fence.margin_m if enabled and plans.fence.items and known else None
+    """Return the margin of the fence in metres, or None if the fence is disabled or its margin is not computed yet."""
+    is_computed = state.fence.identity == plans.fence.identity and state.fence.place is not None
+    return state.fence.margin_m if enabled and plans.fence.items and is_computed else None

@@ -15,63 +15,67 @@ from firmware_py.guidance.tasks import GoTo, Orbit, TaskSettings
 from firmware_py.modes import ModeState
 
 
-def fence_events(before: GuidanceState, after: GuidanceState, plans: Plans) -> tuple[Event, ...]:
+def fence_events(previous: GuidanceState, present: GuidanceState, plans: Plans) -> tuple[Event, ...]:
     """Return the events when a command or a mission item enables or disables the fence."""
-    if after.fence_enabled is None or after.fence_enabled is before.fence_enabled:
+    if present.fence_enabled is None or present.fence_enabled is previous.fence_enabled:
         return ()
-    if after.fence_enabled and not plans.fence.items:
+    if present.fence_enabled and not plans.fence.items:
         return (Event(Severity.WARNING, "Fence enabled, but none is loaded: send one"),)
-    return (Event(Severity.NOTICE, "Fence enabled" if after.fence_enabled else "Fence disabled"),)
+    return (Event(Severity.NOTICE, "Fence enabled" if present.fence_enabled else "Fence disabled"),)
 
 
-def mission_events(before: MissionProgress, after: MissionProgress, first: int) -> tuple[Event, ...]:
+def mission_events(previous: MissionProgress, present: MissionProgress, first_number: int) -> tuple[Event, ...]:
     """Return the events of the mission after a tick and its requests.
 
-    `first` is the number of the first item as the operator counts (plan.first_item_number).
+    `first_number` is the number of the first item in the count of the operator (plan.first_item_number).
     """
-    if after.complete and not before.complete:
+    if present.complete and not previous.complete:
         # An unusable mission is reported by its own fault.
-        return () if after.unusable else (Event(Severity.NOTICE, "Mission complete: keeping station"),)
+        return () if present.unusable else (Event(Severity.NOTICE, "Mission complete: keeping station"),)
     events: list[Event] = []
-    if after.waiting and not before.waiting:
-        events.append(Event(Severity.NOTICE, f"Mission paused after item {first + after.index}: no autocontinue"))
-    if after.paused and not before.paused:
+    if present.waiting and not previous.waiting:
+        events.append(
+            Event(Severity.NOTICE, f"Mission paused after item {first_number + present.index}: no autocontinue")
+        )
+    if present.paused and not previous.paused:
         events.append(Event(Severity.NOTICE, "Mission paused: keeping station"))
-    if mission_progress.is_halted(before) and not mission_progress.is_halted(after):
+    if mission_progress.is_halted(previous) and not mission_progress.is_halted(present):
         events.append(Event(Severity.NOTICE, "Mission resumed"))
-    if after.begun and not after.waiting and (after.index != before.index or not before.begun):
-        events.append(Event(Severity.INFO, f"Mission: item {first + after.index}"))
+    if present.begun and not present.waiting and (present.index != previous.index or not previous.begun):
+        events.append(Event(Severity.INFO, f"Mission: item {first_number + present.index}"))
     return tuple(events)
 
 
-def dead_reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
-    """Return the events when dead reckoning begins, and when the boat waits for a fix."""
+def dead_reckoning_events(
+    previous: TaskFollowerState, present: TaskFollowerState, *, begins: bool
+) -> tuple[Event, ...]:
+    """Return the events at the beginning of dead reckoning, and when the boat begins to wait for a fix."""
     events = [Event(Severity.NOTICE, "Dead reckoning started: position error grows")] if begins else []
-    if after.halt is not None and after.halt != before.halt:
-        at_destination = isinstance(after.task, GoTo) and after.task.place == after.halt
+    if present.halt is not None and present.halt != previous.halt:
+        is_at_destination = isinstance(present.task, GoTo) and present.task.place == present.halt
         text = (
             "Probably at the waypoint (no GPS); waiting for a fix"
-            if at_destination
+            if is_at_destination
             else "Position too uncertain; holding here until GPS returns"
         )
         events.append(Event(Severity.WARNING, text))
     return tuple(events)
 
 
-def circle_events(settings: TaskSettings, before: GuidanceState, after: GuidanceState) -> tuple[Event, ...]:
+def circle_events(settings: TaskSettings, previous: GuidanceState, present: GuidanceState) -> tuple[Event, ...]:
     """Return the events when a circle differs from the requested one, or is too small."""
     events: list[Event] = []
-    radius_m, min_radius_m = after.status.radius_m or 0.0, loiter_placement.min_radius_m(settings)
-    has_changed = (after.status.activity, radius_m) != (before.status.activity, before.status.radius_m)
-    if after.status.activity is Activity.STATION and has_changed and radius_m < min_radius_m:
+    radius_m, min_radius_m = present.status.radius_m or 0.0, loiter_placement.min_radius_m(settings)
+    has_changed = (present.status.activity, radius_m) != (previous.status.activity, previous.status.radius_m)
+    if present.status.activity is Activity.STATION and has_changed and radius_m < min_radius_m:
         text = f"Loiter radius {radius_m:.0f} m: below {min_radius_m:.0f} m the boat may drift out"
         events.append(Event(Severity.NOTICE, text))
-    task = after.task
-    if isinstance(task, Orbit) and task != before.task and radius_m > task.radius_m:
+    task = present.task
+    if isinstance(task, Orbit) and task != previous.task and radius_m > task.radius_m:
         text = f"Circle radius {task.radius_m:.0f} m too small: circling at {radius_m:.0f} m"
         events.append(Event(Severity.NOTICE, text))
-    placement = after.follower.loiter_placement
-    if placement is not None and placement.is_final and placement is not before.follower.loiter_placement:
+    placement = present.follower.loiter_placement
+    if placement is not None and placement.is_final and placement is not previous.follower.loiter_placement:
         events += _placement_events(settings, placement)
     return tuple(events)
 
@@ -88,7 +92,7 @@ def _placement_events(settings: TaskSettings, placement: LoiterPlacement) -> lis
     return events
 
 
-def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
+def navigation_report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
     """Return the navigation record for the log and the link."""
     status = state.status
     return Navigation(
@@ -103,14 +107,14 @@ def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Naviga
     )
 
 
-def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first: int) -> MissionReport:
-    """Return the mission record; the operator counts items from `first` (plan.first_item_number)."""
+def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first_number: int) -> MissionReport:
+    """Return the mission record; the operator counts items from `first_number` (plan.first_item_number)."""
     count = len(plans.mission.items)
     progress = mission_progress.for_plan(state.mission, plans.mission.identity)
     return MissionReport(
         state=mission_progress.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
         index=min(progress.index, count - 1) if count else None,
-        first_item_number=first,
+        first_item_number=first_number,
         count=count,
         reached=state.reached,
         identities=(plans.mission.identity, plans.fence.identity, plans.rally.identity),

@@ -1,8 +1,9 @@
 """Line following by integral line of sight, and detection of arrival.
 
-The course over ground points at the line, one look-ahead distance further on. A slow integral removes the error that
-the estimated current leaves (Lekkas and Fossen, IEEE Trans. Control Syst. Technol. 22(6), 2014; Caharija et al. 2016).
-The current itself is compensated by the crab angle when the course is converted to a heading.
+The course over ground points to the point of the line that is one look-ahead distance ahead. A slow integral removes
+the cross-track error that an error of the estimated current causes (Lekkas and Fossen, IEEE Trans. Control
+Syst. Technol. 22(6), 2014; Caharija et al. 2016). The conversion of the course to a heading compensates for the current
+by the crab angle.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ from firmware_py.common.geodesy import Place, Track, track
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 MAX_LOOK_AHEAD_M = 500.0
-# Integral gain as a fraction of the speed (sigma in the literature); critical damping needs four times it.
+# Integral gain as a fraction of the speed (sigma in the literature); critical damping needs four times this value.
 INTEGRAL_SPEED_FRACTION = 0.1
 INTEGRAL_ZONE = 0.3  # cross-track error below which the integral is active, in look-ahead distances
 MAX_INTEGRAL_OFFSET = 0.5  # in look-ahead distances
-# A waypoint that is passed within this many turning radii is reached: another turn would not come closer.
+# Maximum distance, in turning radii, at which a passed waypoint is reached: another turn would not come closer.
 PASSING_RADII = 2.0
-RECEDING_M = 5.0
+RECEDING_DISTANCE_M = 5.0  # increase of the distance after which the boat moves away
 MAX_TRIES = 3
-MAX_PASSED_DISTANCE_M = 1000.0
+MAX_PASSED_DISTANCE_M = 1000.0  # at which a waypoint is reached after MAX_TRIES
 
 
 class LineState(msgspec.Struct, frozen=True):
@@ -50,8 +51,8 @@ def update(
     """Follow the line for step_s and decide whether its end is reached."""
     on_line = track(state.start, task.place, motion.place)
     state, course_rad = _follow(settings, state, task, motion, on_line, step_s)
-    state, arrived = _approach(settings, state, task, motion, on_line)
-    return state, LineStatus(course_rad, None if on_line is None else on_line.cross_track_m, arrived)
+    state, has_arrived = _update_approach(settings, state, task, motion, on_line)
+    return state, LineStatus(course_rad, None if on_line is None else on_line.cross_track_m, has_arrived)
 
 
 def _follow(
@@ -63,67 +64,67 @@ def _follow(
         return state, bearing_rad
     look_m = look_ahead_m(settings, motion)
     integral_m_s = INTEGRAL_SPEED_FRACTION * motion.speed_m_s
-    aim_m = on_line.cross_track_m + integral_m_s * state.integral_s
+    offset_m = on_line.cross_track_m + integral_m_s * state.integral_s
     integral_s = state.integral_s
     if abs(on_line.cross_track_m) <= INTEGRAL_ZONE * look_m:
-        # Farther off, the error is the way back to the line, not an effect of the current.
-        integral_s += step_s * look_m * on_line.cross_track_m / (look_m * look_m + aim_m * aim_m)
-    bound_s = MAX_INTEGRAL_OFFSET * look_m / max(integral_m_s, 1e-3)
-    integral_s = clamp(integral_s, -bound_s, bound_s)
-    course_rad = wrap_two_pi(on_line.course_rad - math.atan2(aim_m, look_m))
+        # At a larger distance, the error is not an effect of the current.
+        integral_s += step_s * look_m * on_line.cross_track_m / (look_m * look_m + offset_m * offset_m)
+    max_integral_s = MAX_INTEGRAL_OFFSET * look_m / max(integral_m_s, 1e-3)
+    integral_s = clamp(integral_s, -max_integral_s, max_integral_s)
+    course_rad = wrap_two_pi(on_line.course_rad - math.atan2(offset_m, look_m))
     return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad
 
 
 def look_ahead_m(settings: TaskSettings, motion: VesselMotion) -> float:
     """Return the look-ahead distance, at least two turning radii."""
-    shortest_m = 2.0 * settings.turning_radius_m
-    return clamp(settings.look_ahead_s * motion.speed_m_s, shortest_m, max(shortest_m, MAX_LOOK_AHEAD_M))
+    min_m = 2.0 * settings.turning_radius_m
+    return clamp(settings.look_ahead_s * motion.speed_m_s, min_m, max(min_m, MAX_LOOK_AHEAD_M))
 
 
-def _approach(
+def _update_approach(
     settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, on_line: Track | None
 ) -> tuple[LineState, bool]:
     """Decide whether the end of the line is reached.
 
-    It is reached within its radius, or when the boat passes it or moves away from it at a distance that another turn
-    would not reduce. Two cases do not count as moving away: the turn towards the waypoint at the start, and a boat that
-    heads for it and is set back by the current. If the waypoint is passed farther off, the boat tries again from its
-    position, up to MAX_TRIES times; then passing it is enough. Passes in a current that is too strong, or while the
-    position error exceeds the radius, are not counted.
+    It is reached within its radius, or if the boat passes it or moves away from it at a distance that another turn
+    would not reduce. Two cases are not moving away: the turn towards the waypoint at the start, and a current that
+    sets the boat back while it heads for the waypoint. If the boat passes the waypoint at a larger distance, it tries
+    again from its position, up to MAX_TRIES times; after that, passing is sufficient. A pass in a current that is too
+    strong, or while the position error exceeds the radius, is not counted.
     """
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
-    passed = on_line is not None and on_line.remaining_m <= 0.0
+    has_passed = on_line is not None and on_line.remaining_m <= 0.0
     if motion.spread_m > task.acceptance_radius_m:
-        start, integral_s = (motion.place, 0.0) if passed else (state.start, state.integral_s)
+        start, integral_s = (motion.place, 0.0) if has_passed else (state.start, state.integral_s)
         return LineState(start, integral_s, math.inf, state.tries), False
     if distance_m <= task.acceptance_radius_m:
         return state, True
     closest_m = state.closest_m
-    if _closes(motion, bearing_rad):
+    if _is_closing(motion, bearing_rad):
         closest_m = min(closest_m, distance_m)
     elif math.cos(motion.way_rad - bearing_rad) > 0.0:
         closest_m = math.inf
-    reach_m = max(task.acceptance_radius_m, _passable_m(settings, motion))
-    receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
-    if receding or (passed and distance_m <= reach_m):
+    max_passing_m = max(task.acceptance_radius_m, _passing_distance_m(settings, motion))
+    is_receding = distance_m > closest_m + RECEDING_DISTANCE_M and closest_m <= max_passing_m
+    if is_receding or (has_passed and distance_m <= max_passing_m):
         return state, True
-    if passed and motion.too_strong:
-        return LineState(motion.place, 0.0, math.inf, state.tries), False  # the turn of the tide brings it back
-    if passed:
+    if has_passed:
+        if motion.too_strong:  # the boat can return after the turn of the tide
+            return LineState(motion.place, 0.0, math.inf, state.tries), False
         if state.tries >= MAX_TRIES and distance_m <= MAX_PASSED_DISTANCE_M:
             return state, True
         return LineState(motion.place, 0.0, math.inf, min(state.tries + 1, MAX_TRIES)), False
     return LineState(state.start, state.integral_s, closest_m, state.tries), False
 
 
-def _closes(motion: VesselMotion, bearing_rad: float) -> bool:
-    """Return whether the velocity over ground has a component towards that bearing."""
+def _is_closing(motion: VesselMotion, bearing_rad: float) -> bool:
+    """Return whether the velocity over ground has a component in the direction of a bearing."""
     north_m_s = motion.speed_m_s * math.cos(motion.way_rad) + motion.current_north_m_s
     east_m_s = motion.speed_m_s * math.sin(motion.way_rad) + motion.current_east_m_s
     return north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad) > 0.0
 
 
-def _passable_m(settings: TaskSettings, motion: VesselMotion) -> float:
-    """Return the largest distance at which a turn cannot come closer: the turning circle, stretched by the current."""
-    drift = math.hypot(motion.current_north_m_s, motion.current_east_m_s) / max(motion.speed_m_s, 0.05)
-    return PASSING_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))
+def _passing_distance_m(settings: TaskSettings, motion: VesselMotion) -> float:
+    """Return the largest distance that a turn cannot reduce: the turning circle, stretched by the current."""
+    drift_ratio = math.hypot(motion.current_north_m_s, motion.current_east_m_s) / max(motion.speed_m_s, 0.05)
+    return PASSING_RADII * settings.turning_radius_m * (1.0 + min(drift_ratio, 1.0))

@@ -1,7 +1,4 @@
-"""Mission execution: the current item, its task, and when it is done.
-
-A mission ends with station keeping, never with drifting.
-"""
+"""Mission execution: the current item, its task and its end. After the last item the boat keeps station."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
-from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, moment_of, station_task
+from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, next_utc_of, station_task
 from firmware_py.guidance.mission_progress import MissionProgress, after_item
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.tasks import GoTo, HoldStation
@@ -19,12 +16,12 @@ from firmware_py.plans.items import Command
 
 __all__ = ["MissionInput", "MissionOutput", "update"]
 
-MAX_ITEMS_PER_STEP: Final = 16  # items that take no time; the rest follows in the next step
-MAX_IDLE_ITEMS: Final = 100  # consecutive items without duration, beyond the length of the mission: an endless loop
+MAX_ITEMS_PER_STEP: Final = 16  # items without duration; the others follow in the next step
+MAX_IDLE_ITEMS: Final = 100  # consecutive items without duration, in addition to the length of the mission
 
 
 class MissionOutput(msgspec.Struct, frozen=True):
-    """Progress after a step, the items reached in it, and `home` and `fence_enabled` if an item sets them."""
+    """Progress after a step, the items reached in it, and `home` and `fence_enabled` if an item has set them."""
 
     progress: MissionProgress
     reached: tuple[int, ...] = ()
@@ -33,7 +30,7 @@ class MissionOutput(msgspec.Struct, frozen=True):
 
 
 def update(progress: MissionProgress, inputs: MissionInput) -> MissionOutput:
-    """Advance over the items that are done; `progress.task` is then the task of the boat.
+    """Advance to the first item that is not done; `progress.task` is the task of the boat.
 
     Without a position the mission advances until an item needs one.
     """
@@ -48,21 +45,21 @@ def update(progress: MissionProgress, inputs: MissionInput) -> MissionOutput:
         if progress.complete or progress.waiting:
             break
         if progress.index >= len(inputs.steps) or _is_endless(progress, inputs):
-            progress = _end(progress, inputs)
+            progress = _complete(progress, inputs)
             break
         step = inputs.steps[progress.index]
         row = TABLE.get(step.command)
         if not progress.begun or (row is not None and row.restarts_each_step):
             new_home = step.place or (inputs.place if inputs.spread_m == 0.0 else None)  # only with a fix
-            begun = _begin(progress, step, inputs)
-            if begun is None or (step.command is Command.SET_HOME and new_home is None):
+            begun_progress = _begin(progress, step, inputs)
+            if begun_progress is None or (step.command is Command.SET_HOME and new_home is None):
                 break
-            progress = begun
+            progress = begun_progress
             if step.command is Command.SET_HOME:
                 home = new_home
             elif step.command is Command.FENCE_ENABLE:
                 fence_enabled = step.enabled
-        progress = _run_time(progress, step, inputs)
+        progress = _advance_timer(progress, step, inputs)
         if not _is_done(progress, step, inputs):
             progress = replace(progress, idle_items=0)
             break
@@ -87,18 +84,20 @@ def _begin(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -
     return replace(progress, begun=True, task=task, line_start=line_start, orbits=orbits)
 
 
-def _run_time(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> MissionProgress:
-    """Advance the timer of the item; one that starts at the arrival stops while the arrival is uncertain."""
+def _advance_timer(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> MissionProgress:
+    """Advance the timer of the item; a timer that starts at the arrival stops while the position is uncertain."""
     row = TABLE.get(step.command)
-    if row is None or not (row.timed_from_beginning or (_is_there(progress, inputs) and has_arrived(progress, inputs))):
+    if row is None or not (
+        row.timed_from_beginning or (_is_position_certain(progress, inputs) and has_arrived(progress, inputs))
+    ):
         return progress
     progress = replace(progress, elapsed_s=progress.elapsed_s + inputs.step_s)
     if step.time_of_day_s is None or inputs.utc_s is None:
         return progress
-    return replace(progress, until_utc_s=moment_of(step.time_of_day_s, inputs.utc_s, progress))
+    return replace(progress, until_utc_s=next_utc_of(step.time_of_day_s, inputs.utc_s, progress))
 
 
-def _is_there(progress: MissionProgress, inputs: MissionInput) -> bool:
+def _is_position_certain(progress: MissionProgress, inputs: MissionInput) -> bool:
     task = progress.task
     return inputs.place is not None and (not isinstance(task, GoTo) or inputs.spread_m <= task.station_radius_m)
 
@@ -112,18 +111,18 @@ def _is_endless(progress: MissionProgress, inputs: MissionInput) -> bool:
     return progress.idle_items > len(inputs.steps) + MAX_IDLE_ITEMS
 
 
-def _end(progress: MissionProgress, inputs: MissionInput) -> MissionProgress:
-    """Return the completed mission at its last place; one with an endless loop is unusable."""
+def _complete(progress: MissionProgress, inputs: MissionInput) -> MissionProgress:
+    """Return the completed mission, which keeps station; a mission with an endless loop is unusable."""
     task = station_task(progress, inputs)
     if task is None:
-        return progress  # no position: the last target stays in force
-    last = max(0, len(inputs.steps) - 1)
-    unusable = not inputs.steps or _is_endless(progress, inputs)
+        return progress  # no position: the last target is kept
+    last_index = max(0, len(inputs.steps) - 1)
+    is_unusable = not inputs.steps or _is_endless(progress, inputs)
     return replace(
         progress,
-        index=min(progress.index, last),
+        index=min(progress.index, last_index),
         begun=False,
         complete=True,
-        unusable=unusable,
+        unusable=is_unusable,
         task=task,
     )

@@ -1,4 +1,4 @@
-"""Progress of a mission. It survives a restart of the autopilot, so all times in it are UTC or durations."""
+"""Progress of a mission. It is stored for a restart of the autopilot; therefore its times are UTC or durations."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from firmware_py.plans.items import Command
 class MissionProgress(msgspec.Struct, frozen=True):
     """Progress of the mission with checksum `identity`; `index` counts from 0.
 
-    `begun`: the item at `index` has its task. `elapsed_s` counts from the beginning of the item or from the arrival,
-    by command. `until_utc_s` is the time that it waits for. `idle_items` counts consecutive items without duration, to
-    detect an endless loop.
+    `begun`: the item at `index` has its task. `elapsed_s` is the time since the beginning of the item or since the
+    arrival, depending on the command; `until_utc_s` is the end of a delay. `idle_items` counts consecutive items
+    without duration, to detect an endless loop.
     """
 
     identity: int = 0
@@ -46,10 +46,10 @@ def for_plan(progress: MissionProgress, identity: int) -> MissionProgress:
 
 
 def enter(progress: MissionProgress) -> MissionProgress:
-    """Return the progress on entering AUTO: the present item continues, a complete mission restarts.
+    """Return the progress after a change to AUTO: the present item continues, a complete mission restarts.
 
-    A halted mission stays halted, because a restart, arming or the end of a failsafe may enter AUTO. When an operator
-    selects AUTO, `resume_mission` is called.
+    A halted mission stays halted, because a restart, arming or the end of a failsafe may also enter AUTO. If the
+    operator selects AUTO, `resume_mission` is called.
     """
     if progress.complete or progress.unusable:
         progress = MissionProgress(identity=progress.identity)
@@ -78,12 +78,12 @@ def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
     """Return the progress at the following item: the next one, or the target of a jump."""
     index, jumps, idle_items = progress.index + 1, progress.jumps, progress.idle_items + 1
     if step.command is Command.JUMP:
-        made = dict(jumps).get(progress.index, 0)
-        if step.target >= 0 and (step.times < 0 or made < step.times):
-            jumps = (*(pair for pair in jumps if pair[0] != progress.index), (progress.index, made + 1))
+        jump_count = dict(jumps).get(progress.index, 0)
+        if step.target >= 0 and (step.times < 0 or jump_count < step.times):
+            jumps = (*(pair for pair in jumps if pair[0] != progress.index), (progress.index, jump_count + 1))
             index = step.target
             if step.times >= 0:
-                idle_items = 0  # a limited jump: the loop ends
+                idle_items = 0  # the loop of a limited jump ends
     return replace(
         progress,
         index=index,

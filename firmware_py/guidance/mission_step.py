@@ -10,18 +10,18 @@ Meaning of the items for a boat that cannot stop:
 | NAV_LOITER_TURNS | circles the place param1 times (param3: radius, negative: anticlockwise) |
 | NAV_RETURN_TO_LAUNCH | goes home or to the best rally point; to a new home if it is changed |
 | NAV_DELAY | continues for param1 seconds, or until a time of day (UTC): on a heading after a heading item, otherwise keeping station |
-| CONDITION_DELAY | as NAV_DELAY for param1 seconds; the items after it wait |
-| CONDITION_DISTANCE | goes to the next waypoint or loiter item; the items before that one wait until it is within param1 metres |
-| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; ends within 5 deg of it, or after 10 min. A following NAV_DELAY holds that heading; the speed is ignored |
+| CONDITION_DELAY | as NAV_DELAY for param1 seconds; the next items wait |
+| CONDITION_DISTANCE | goes to the next waypoint or loiter item; the items in between wait until the distance to it is at most param1 metres |
+| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; ends within 5 deg of it, or after 10 min. A following NAV_DELAY keeps that heading; the speed is ignored |
 | DO_JUMP | continues with item param1 (an index here, one more on the link), param2 times, -1: always |
 | DO_JUMP_TAG | continues with the first JUMP_TAG of tag param1, param2 times, -1: always |
 | DO_FENCE_ENABLE | enables (param1 = 1) or disables (0) the fence, in all modes |
-| DO_CHANGE_SPEED | no effect: a speed for planning |
-| DO_SET_HOME | sets home to the present position (param1 = 1) or to the given place |
+| DO_CHANGE_SPEED | no effect: the speed is for planning only |
+| DO_SET_HOME | sets home to the present position (param1 = 1) or to the place of the item |
 
-Relative angles count from the heading at the beginning of the item. An item without autocontinue pauses the mission
-when it is done: its task continues until DO_PAUSE_CONTINUE, MISSION_START, AUTO or another item is commanded. Headings
-and delays on a heading need no position; other items wait for one.
+Relative angles are relative to the heading at the beginning of the item. After an item without autocontinue the
+mission pauses: the task of the item continues until DO_PAUSE_CONTINUE, MISSION_START, AUTO or another item is
+commanded. Headings and delays on a heading need no position; other items wait for one.
 
 A waypoint or loiter item at (0, 0) means the present position.
 """  # noqa: E501 - a table
@@ -41,7 +41,7 @@ from firmware_py.common.plan import Plan, PlanItem, limit_number, place_of
 from firmware_py.plans.items import MAX_DISTANCE_M, MAX_DURATION_S, MAX_TURNS, Command
 from firmware_py.plans.sequence import next_places, tags_of
 
-LARGEST_RADIUS_M = 100_000.0
+MAX_RADIUS_M = 100_000.0
 SECONDS_PER_DAY = 86_400
 
 
@@ -65,50 +65,52 @@ class MissionStep(msgspec.Struct, frozen=True):
 
 
 @functools.lru_cache(maxsize=4)
-def steps_of(mission: Plan) -> tuple[MissionStep, ...]:
+def convert_mission(mission: Plan) -> tuple[MissionStep, ...]:
     """Convert a mission and resolve references between items; cached."""
     items, tags = mission.items, tags_of(mission.items)
-    return tuple(_resolved(items, tags, *pair) for pair in zip(items, next_places(items), strict=True))
+    return tuple(_resolve_references(items, tags, *pair) for pair in zip(items, next_places(items), strict=True))
 
 
-def _resolved(items: Sequence[PlanItem], tags: Mapping[int, int], item: PlanItem, following: int | None) -> MissionStep:
-    step = step_of(item)
-    if step.command is Command.CONDITION_DISTANCE and following is not None:
-        return replace(step, place=place_of(items[following]))
+def _resolve_references(
+    items: Sequence[PlanItem], tags: Mapping[int, int], item: PlanItem, next_place: int | None
+) -> MissionStep:
+    step = convert_item(item)
+    if step.command is Command.CONDITION_DISTANCE and next_place is not None:
+        return replace(step, place=place_of(items[next_place]))
     if item.command == Command.JUMP_TO_TAG:
         return replace(step, target=tags.get(round(limit_number(item.params[0], 0.0, 65535.0)), -1))
     return step
 
 
-def step_of(item: PlanItem) -> MissionStep:
-    """Convert an item; all numbers of the step are finite and in range, whatever the item holds."""
-    reader = _READERS.get(item.command)
-    if reader is None:
+def convert_item(item: PlanItem) -> MissionStep:
+    """Convert an item; all numbers of the step are finite and in range, also for an invalid item."""
+    convert = _CONVERTERS.get(item.command)
+    if convert is None:
         return MissionStep(None, autocontinue=item.autocontinue)
-    return reader(item)
+    return convert(item)
 
 
-def _radius(value: float) -> float | None:
-    return limit_number(abs(value), 0.0, LARGEST_RADIUS_M) or None
+def _convert_radius(value: float) -> float | None:
+    return limit_number(abs(value), 0.0, MAX_RADIUS_M) or None
 
 
-def _waypoint(item: PlanItem) -> MissionStep:
-    hold, radius = item.params[:2]
+def _convert_waypoint(item: PlanItem) -> MissionStep:
+    hold_s, radius = item.params[:2]
     return MissionStep(
         Command.WAYPOINT,
         place_of(item),
-        _radius(radius),
-        limit_number(hold, 0.0, MAX_DURATION_S),
+        _convert_radius(radius),
+        limit_number(hold_s, 0.0, MAX_DURATION_S),
         autocontinue=item.autocontinue,
     )
 
 
-def _loiter(item: PlanItem) -> MissionStep:
+def _convert_loiter(item: PlanItem) -> MissionStep:
     amount, _, radius, _ = item.params
     return MissionStep(
         Command(item.command),
         place_of(item),
-        _radius(radius),
+        _convert_radius(radius),
         limit_number(amount, 0.0, MAX_DURATION_S),
         turns=limit_number(amount, 0.0, MAX_TURNS),
         clockwise=not radius < 0.0,
@@ -116,7 +118,7 @@ def _loiter(item: PlanItem) -> MissionStep:
     )
 
 
-def _delay(item: PlanItem) -> MissionStep:
+def _convert_delay(item: PlanItem) -> MissionStep:
     seconds, hour, minute, second = item.params
     time_of_day_s = None
     if seconds < 0.0 or (math.isnan(seconds) and hour >= 0.0):
@@ -134,18 +136,18 @@ def _delay(item: PlanItem) -> MissionStep:
     )
 
 
-def _yaw(item: PlanItem) -> MissionStep:
+def _convert_yaw(item: PlanItem) -> MissionStep:
     angle_deg, _, direction, relative = item.params
     sign = -1.0 if relative == 1.0 and direction < 0.0 else 1.0
-    return _heading(item, sign * limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+    return _make_heading_step(item, sign * limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
 
 
-def _yaw_speed(item: PlanItem) -> MissionStep:
+def _convert_yaw_speed(item: PlanItem) -> MissionStep:
     angle_deg, _, relative, _ = item.params
-    return _heading(item, limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+    return _make_heading_step(item, limit_number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
 
 
-def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep:
+def _make_heading_step(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep:
     return MissionStep(
         Command(item.command),
         angle_rad=wrap_two_pi(radians(angle_deg)),
@@ -154,7 +156,7 @@ def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep
     )
 
 
-def _jump(item: PlanItem) -> MissionStep:
+def _convert_jump(item: PlanItem) -> MissionStep:
     target, times = item.params[:2]
     return MissionStep(
         Command.JUMP,
@@ -164,48 +166,48 @@ def _jump(item: PlanItem) -> MissionStep:
     )
 
 
-def _jump_to_tag(item: PlanItem) -> MissionStep:
-    return replace(_jump(item), target=-1)
+def _convert_jump_to_tag(item: PlanItem) -> MissionStep:
+    return replace(_convert_jump(item), target=-1)
 
 
-def _distance(item: PlanItem) -> MissionStep:
+def _convert_condition_distance(item: PlanItem) -> MissionStep:
     distance_m = limit_number(item.params[0], 0.0, MAX_DISTANCE_M)
     return MissionStep(Command.CONDITION_DISTANCE, distance_m=distance_m, autocontinue=item.autocontinue)
 
 
-def _condition_delay(item: PlanItem) -> MissionStep:
+def _convert_condition_delay(item: PlanItem) -> MissionStep:
     seconds = limit_number(item.params[0], 0.0, MAX_DURATION_S)
     return MissionStep(Command.CONDITION_DELAY, seconds=seconds, autocontinue=item.autocontinue)
 
 
-def _fence_enable(item: PlanItem) -> MissionStep:
+def _convert_fence_enable(item: PlanItem) -> MissionStep:
     return MissionStep(Command.FENCE_ENABLE, enabled=item.params[0] == 1.0, autocontinue=item.autocontinue)
 
 
-def _set_home(item: PlanItem) -> MissionStep:
-    here = item.params[0] == 1.0
-    return MissionStep(Command.SET_HOME, None if here else place_of(item), autocontinue=item.autocontinue)
+def _convert_set_home(item: PlanItem) -> MissionStep:
+    uses_present = item.params[0] == 1.0
+    return MissionStep(Command.SET_HOME, None if uses_present else place_of(item), autocontinue=item.autocontinue)
 
 
-def _plain(item: PlanItem) -> MissionStep:
+def _convert_without_parameters(item: PlanItem) -> MissionStep:
     return MissionStep(Command(item.command), autocontinue=item.autocontinue)
 
 
-_READERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
-    Command.WAYPOINT: _waypoint,
-    Command.LOITER_UNLIMITED: _loiter,
-    Command.LOITER_TURNS: _loiter,
-    Command.LOITER_TIME: _loiter,
-    Command.RETURN: _plain,
-    Command.DELAY: _delay,
-    Command.CONDITION_DELAY: _condition_delay,
-    Command.CONDITION_DISTANCE: _distance,
-    Command.YAW: _yaw,
-    Command.JUMP: _jump,
-    Command.JUMP_TAG: _plain,
-    Command.JUMP_TO_TAG: _jump_to_tag,
-    Command.FENCE_ENABLE: _fence_enable,
-    Command.CHANGE_SPEED: _plain,
-    Command.SET_HOME: _set_home,
-    Command.YAW_SPEED: _yaw_speed,
+_CONVERTERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
+    Command.WAYPOINT: _convert_waypoint,
+    Command.LOITER_UNLIMITED: _convert_loiter,
+    Command.LOITER_TURNS: _convert_loiter,
+    Command.LOITER_TIME: _convert_loiter,
+    Command.RETURN: _convert_without_parameters,
+    Command.DELAY: _convert_delay,
+    Command.CONDITION_DELAY: _convert_condition_delay,
+    Command.CONDITION_DISTANCE: _convert_condition_distance,
+    Command.YAW: _convert_yaw,
+    Command.JUMP: _convert_jump,
+    Command.JUMP_TAG: _convert_without_parameters,
+    Command.JUMP_TO_TAG: _convert_jump_to_tag,
+    Command.FENCE_ENABLE: _convert_fence_enable,
+    Command.CHANGE_SPEED: _convert_without_parameters,
+    Command.SET_HOME: _convert_set_home,
+    Command.YAW_SPEED: _convert_yaw_speed,
 }

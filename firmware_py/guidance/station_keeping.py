@@ -1,8 +1,8 @@
-"""Station keeping in a loiter circle: straight legs inside, straight back from outside.
+"""Station keeping in a loiter circle: straight legs inside, and the direct way back from outside.
 
-The boat cannot stop. Inside the circle it holds each heading as long as it stays inside, which needs the fewest turns;
-in a current this is the heading against it. Before a leg leads out, including the distance of the turn, the next
-heading is the one that stays inside longest.
+The boat cannot stop. Inside the circle it keeps each heading as long as possible, because this needs the fewest turns.
+A leg ends before the boat and its turn would leave the circle. The next heading is the one with the longest time
+inside; in a current this is the heading against the current.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
 from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings, VesselMotion
 from firmware_py.model.crab import against_current, heading_for_course
 
-HEADINGS = 36
+HEADING_COUNT = 36
 MARGIN_FRACTION, MIN_MARGIN_M, MAX_MARGIN_FRACTION = 0.1, 6.0, 0.25  # of the radius
-TURN_RATE_FRACTION = 0.7  # of the rate at full rudder: the rudder decreases towards the end of a turn
+TURN_RATE_FRACTION = 0.7  # of the rate at full rudder, because the rudder decreases towards the end of a turn
 PREDICTION_S = 10.0
-ON_LEG_RAD = 0.35  # a larger heading error: the boat is still turning
+MAX_LEG_ERROR_RAD = 0.35  # with a larger heading error the boat is still turning
 MAX_STAY_S = 7200.0
 TURN_COST_S_RAD = 30.0  # minimum gain of time inside per radian of turning
 
@@ -31,18 +31,18 @@ class StationKeepingState(msgspec.Struct, frozen=True):
 
 
 class _Turn(msgspec.Struct, frozen=True):
-    """A turn to a heading: its end position, largest distance from the centre, and duration."""
+    """A turn: its end position relative to the centre, largest distance from the centre, and duration."""
 
     north_m: float
     east_m: float
-    farthest_m: float
+    max_distance_m: float
     seconds: float
 
 
 def update(
     settings: TaskSettings, state: StationKeepingState, task: HoldStation, motion: VesselMotion, distance_m: float
 ) -> tuple[StationKeepingState, HeadingTarget]:
-    """Return the state and the target at distance_m from the centre."""
+    """Return the new state and the target; `distance_m` is the distance from the centre."""
     if distance_m > task.radius_m:
         if motion.too_strong:
             return StationKeepingState(), HeadingTarget(
@@ -57,7 +57,7 @@ def update(
     )
     way_rad = state.way_rad
     if way_rad is None or _must_end(settings, motion, way_rad, north_m, east_m, limit_m):
-        way_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
+        way_rad = _choose_leg(settings, motion, north_m, east_m, limit_m)
     return StationKeepingState(way_rad), HeadingTarget(wrap_two_pi(way_rad - motion.leeway_rad), over_ground=False)
 
 
@@ -65,68 +65,69 @@ def _must_end(
     settings: TaskSettings, motion: VesselMotion, way_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
     """Return whether the leg must end now so that a turn back stays within the limit."""
-    if abs(wrap_pi(way_rad - motion.way_rad)) > ON_LEG_RAD:
-        return False  # still turning
-    v_north, v_east = _over_ground(motion, way_rad)
+    if abs(wrap_pi(way_rad - motion.way_rad)) > MAX_LEG_ERROR_RAD:
+        return False  # the turn has not ended
+    v_north, v_east = _velocity_over_ground(motion, way_rad)
     if north_m * v_north + east_m * v_east <= 0.0:
         return False  # the distance decreases
     north_m, east_m = north_m + PREDICTION_S * v_north, east_m + PREDICTION_S * v_east
     back_rad = heading_for_course(
         math.atan2(-east_m, -north_m), motion.speed_m_s, motion.current_north_m_s, motion.current_east_m_s
     )
-    return _turn(settings, motion, back_rad, north_m, east_m).farthest_m >= limit_m
+    return _predict_turn(settings, motion, back_rad, north_m, east_m).max_distance_m >= limit_m
 
 
-def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
-    """Return the heading with the longest time inside, or the smallest distance outside if none stays inside."""
+def _choose_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
+    """Return the course with the longest time inside, or with the smallest distance outside if none stays inside."""
     best_rad, best = motion.way_rad, (-math.inf, -math.inf)
-    for index in range(HEADINGS):
-        way_rad = wrap_two_pi(motion.way_rad + index * TWO_PI / HEADINGS)
-        turn = _turn(settings, motion, way_rad, north_m, east_m)
+    for index in range(HEADING_COUNT):
+        way_rad = wrap_two_pi(motion.way_rad + index * TWO_PI / HEADING_COUNT)
+        turn = _predict_turn(settings, motion, way_rad, north_m, east_m)
         cost_s = TURN_COST_S_RAD * abs(wrap_pi(way_rad - motion.way_rad))
-        stay_s = _stay_s(turn, _over_ground(motion, way_rad), limit_m)
-        # First criterion: stay inside; second: long stay.
-        value = (min(0.0, limit_m - turn.farthest_m), turn.seconds + stay_s - cost_s)
+        stay_s = _stay_time_s(turn, _velocity_over_ground(motion, way_rad), limit_m)
+        # The distance outside is compared first, then the time inside.
+        value = (min(0.0, limit_m - turn.max_distance_m), turn.seconds + stay_s - cost_s)
         if value > best:
             best_rad, best = way_rad, value
     return best_rad
 
 
-def _over_ground(motion: VesselMotion, way_rad: float) -> tuple[float, float]:
+def _velocity_over_ground(motion: VesselMotion, way_rad: float) -> tuple[float, float]:
+    """Return the velocity over ground, north and east in m/s, for a course through the water."""
     return (
         motion.speed_m_s * math.cos(way_rad) + motion.current_north_m_s,
         motion.speed_m_s * math.sin(way_rad) + motion.current_east_m_s,
     )
 
 
-def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
-    """Return the turn from here to a heading, along an arc that drifts with the current."""
+def _predict_turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
+    """Predict the turn to a course through the water, along an arc that drifts with the current."""
     angle_rad = wrap_pi(to_rad - motion.way_rad)
     radius_m = settings.turning_radius_m / TURN_RATE_FRACTION
     rate_rad_s = max(motion.speed_m_s, 0.05) / radius_m
     side_m = math.copysign(radius_m, angle_rad)
-    farthest_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
-    for part in (0.5, 1.0):
-        turned_rad = motion.way_rad + part * angle_rad
-        seconds = part * abs(angle_rad) / rate_rad_s
+    max_distance_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
+    for fraction in (0.5, 1.0):
+        end_rad = motion.way_rad + fraction * angle_rad
+        seconds = fraction * abs(angle_rad) / rate_rad_s
         end_north_m = (
-            north_m + side_m * (math.sin(turned_rad) - math.sin(motion.way_rad)) + seconds * motion.current_north_m_s
+            north_m + side_m * (math.sin(end_rad) - math.sin(motion.way_rad)) + seconds * motion.current_north_m_s
         )
         end_east_m = (
-            east_m + side_m * (math.cos(motion.way_rad) - math.cos(turned_rad)) + seconds * motion.current_east_m_s
+            east_m + side_m * (math.cos(motion.way_rad) - math.cos(end_rad)) + seconds * motion.current_east_m_s
         )
-        farthest_m = max(farthest_m, math.hypot(end_north_m, end_east_m))
-    return _Turn(end_north_m, end_east_m, farthest_m, seconds)
+        max_distance_m = max(max_distance_m, math.hypot(end_north_m, end_east_m))
+    return _Turn(end_north_m, end_east_m, max_distance_m, seconds)
 
 
-def _stay_s(turn: _Turn, velocity_m_s: tuple[float, float], limit_m: float) -> float:
-    """Return the time for which a straight track from the end of a turn stays within the limit."""
+def _stay_time_s(turn: _Turn, velocity_m_s: tuple[float, float], limit_m: float) -> float:
+    """Return the time that a straight track from the end of a turn stays within the limit, in seconds."""
     v_north, v_east = velocity_m_s
-    square = v_north * v_north + v_east * v_east
-    spare = limit_m * limit_m - turn.north_m * turn.north_m - turn.east_m * turn.east_m
-    if spare <= 0.0:
+    speed_squared = v_north * v_north + v_east * v_east
+    spare_m2 = limit_m * limit_m - turn.north_m * turn.north_m - turn.east_m * turn.east_m
+    if spare_m2 <= 0.0:
         return 0.0
     along = turn.north_m * v_north + turn.east_m * v_east
-    if square < 1e-6:
+    if speed_squared < 1e-6:
         return MAX_STAY_S
-    return min(MAX_STAY_S, (math.sqrt(along * along + square * spare) - along) / square)
+    return min(MAX_STAY_S, (math.sqrt(along * along + speed_squared * spare_m2) - along) / speed_squared)

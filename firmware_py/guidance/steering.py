@@ -32,7 +32,10 @@ class SteeringTarget(msgspec.Struct, frozen=True):
 def update_goal(
     settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
 ) -> ModeState:
-    """Set the goal of a mode that has none, turn it by the stick, and end a turn the long way."""
+    """Set a missing heading goal, turn the goal by the stick, and end a turn in the requested direction.
+
+    A requested direction (`goal.turn`) applies until the remaining angle is at most 180 deg.
+    """
     if not MODES[modes.mode].heading_goals or situation.heading_rad is None:
         return modes
     goal = modes.goal
@@ -41,8 +44,8 @@ def update_goal(
     if isinstance(goal, PositionGoal):
         return modes
     if modes.mode is Mode.STEERING and (stick := stick_deflection(modes, now_s, settings.stick_timeout_s)):
-        turned_rad = stick * settings.stick_rate_rad_s * min(max(0.0, step_s), 1.0)
-        return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + turned_rad), goal.over_ground))
+        change_rad = stick * settings.stick_rate_rad_s * min(max(0.0, step_s), 1.0)
+        return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + change_rad), goal.over_ground))
     if goal.turn:
         remaining_rad = wrap_two_pi(goal.turn * (heading_to_steer(goal, situation.water) - situation.heading_rad))
         if remaining_rad <= math.pi:
@@ -51,7 +54,7 @@ def update_goal(
 
 
 def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) -> SteeringTarget:
-    """Return the heading to steer, by the goal of the mode or by the task, and the heading error."""
+    """Return the heading of the goal or of the task, and the heading error."""
     goal, turn = modes.goal, 0
     if isinstance(goal, HeadingGoal):
         steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
@@ -63,6 +66,6 @@ def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) 
         steer_rad = target.angle_rad
     if situation.heading_rad is None:
         return SteeringTarget(steer_rad, None)
-    # On a turn the long way the error stays at 180 deg until the remaining angle is smaller.
+    # In a requested direction, the error is 180 deg until the remaining angle is smaller.
     error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
     return SteeringTarget(steer_rad, error_rad)

@@ -1,7 +1,7 @@
-"""Follows a task step by step: line, loiter circle or orbit.
+"""Following of a task: line, loiter circle or orbit.
 
-Under dead reckoning, a place counts as reached only while the position error is below the acceptance radius. Otherwise
-the boat keeps station there and waits for a fix. If the error exceeds POS_RECKON_M on the way, it keeps station at the
+Under dead reckoning, a place is reached only if the position error is below the acceptance radius. Otherwise the boat
+keeps station at the place and waits for a fix. If the error exceeds POS_RECKON_M before, it keeps station at the
 estimated position.
 """
 
@@ -31,7 +31,7 @@ from firmware_py.guidance.tasks import (
 
 
 class TaskFollowerState(msgspec.Struct, frozen=True):
-    """Progress of the task; `arrived`: its place was reached once; `halt`: where the boat waits for a fix.
+    """Progress of the task; `arrived`: its place was reached once; `halt`: the place where the boat waits for a fix.
 
     `loiter_placement`: placement of the loiter circle within a fence.
     """
@@ -69,7 +69,7 @@ def update(
 
     If the task needs a position and none is known, the status is None and the state unchanged.
     """
-    before = state
+    previous = state
     if task != state.task:
         state = TaskFollowerState(task)
     if task is None:
@@ -77,7 +77,7 @@ def update(
     if isinstance(task, HoldHeading):
         return state, TaskStatus(HeadingTarget(task.heading_rad, over_ground=False), Activity.HEADING)
     if motion is None:
-        return before, None
+        return previous, None
     if isinstance(task, Orbit):
         return _orbit(settings, state, task, motion)
     if isinstance(task, GoTo) and not state.arrived:
@@ -100,34 +100,34 @@ def _go_to(
         if motion.place.distance_and_bearing(task.place)[0] <= task.station_radius_m:
             halt = task.place
         if halt is not None:
-            state, waiting = _hold_station(settings, state, HoldStation(halt, task.station_radius_m), motion, fence)
-            return replace(state, line=line_state, halt=halt, arrived=False), waiting
-    line_state, status = line.update(settings, line_state, task, motion, step_s)
-    state = replace(state, line=line_state, arrived=status.arrived, halt=None)
-    if status.arrived:
+            state, status = _hold_station(settings, state, HoldStation(halt, task.station_radius_m), motion, fence)
+            return replace(state, line=line_state, halt=halt, arrived=False), status
+    line_state, line_status = line.update(settings, line_state, task, motion, step_s)
+    state = replace(state, line=line_state, arrived=line_status.arrived, halt=None)
+    if line_status.arrived:
         return _hold_station(settings, state, HoldStation(task.place, task.station_radius_m), motion, fence)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     return state, TaskStatus(
-        HeadingTarget(status.course_rad, over_ground=True),
+        HeadingTarget(line_status.course_rad, over_ground=True),
         Activity.LINE,
         task.place,
         task.acceptance_radius_m,
         bearing_rad,
         distance_m,
-        status.cross_track_m,
+        line_status.cross_track_m,
     )
 
 
 def _hold_station(
     settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion, fence: Plan | None
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    place = loiter_placement.update(settings, state.loiter_placement, task, fence)
-    if place is not None and place.is_final:
-        task = place.circle
+    placement = loiter_placement.update(settings, state.loiter_placement, task, fence)
+    if placement is not None and placement.is_final:
+        task = placement.circle
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
-    arrived = distance_m <= task.radius_m and motion.spread_m <= task.radius_m
-    state = replace(state, station=station, arrived=state.arrived or arrived, loiter_placement=place)
+    has_arrived = distance_m <= task.radius_m and motion.spread_m <= task.radius_m
+    state = replace(state, station=station, arrived=state.arrived or has_arrived, loiter_placement=placement)
     return state, TaskStatus(target, Activity.STATION, task.centre, task.radius_m, bearing_rad, distance_m)
 
 
@@ -137,8 +137,8 @@ def _orbit(
     orbit_state, course_rad = orbit.update(settings, state.orbit, task, motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     radius_m = orbit.radius_m(settings, task)
-    on_circle = abs(distance_m - radius_m) <= orbit.ON_CIRCLE_FRACTION * radius_m and motion.spread_m <= radius_m
-    state = replace(state, orbit=orbit_state, arrived=state.arrived or on_circle)
+    is_on_circle = abs(distance_m - radius_m) <= orbit.ON_CIRCLE_FRACTION * radius_m and motion.spread_m <= radius_m
+    state = replace(state, orbit=orbit_state, arrived=state.arrived or is_on_circle)
     return state, TaskStatus(
         HeadingTarget(course_rad, over_ground=True),
         Activity.CIRCLE,

@@ -1,4 +1,4 @@
-"""Tasks of the boat, and the records that guidance exchanges with them."""
+"""Tasks of the boat, their settings, the motion of the boat and the heading target."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class HoldHeading(msgspec.Struct, frozen=True, tag=True):
 
 
 class GoTo(msgspec.Struct, frozen=True, tag=True):
-    """Go to a place, on the line from `start` (None: from where the boat is), and keep station there."""
+    """Go to a place on the line from `start` (None: from the present position), and keep station there."""
 
     place: Place
     start: Place | None
@@ -84,8 +84,8 @@ class TaskSettings(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, parameters: ParameterSet) -> TaskSettings:
         """Read the settings from the parameters."""
-        turning_1_s = parameters["MDL_K"] * radians(parameters["RUD_LIMIT_DEG"])
-        radius_m = parameters["MDL_SPEED"] / turning_1_s
+        yaw_rate_rad_s = parameters["MDL_K"] * radians(parameters["RUD_LIMIT_DEG"])
+        radius_m = parameters["MDL_SPEED"] / yaw_rate_rad_s
         return cls(
             acceptance_radius_m=parameters["WP_RADIUS"],
             station_radius_m=parameters["LOIT_RADIUS"],

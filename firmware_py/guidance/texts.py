@@ -1,4 +1,4 @@
-"""The STATUSTEXTs of other vessels: meaning and remedy, for params/TEXTS.md."""
+"""STATUSTEXTs of other vessels: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "report the number to the rescue coordination centre",
     ),
     "<vessel>: own echo, ignored": (
-        "the receiver hears the transponder of the boat itself (VDM)",
+        "the receiver receives the transponder of the boat itself (VDM)",
         "nothing; `own_mmsi` in the vehicle file excludes it at once",
     ),
     "AIS: <problem>": (

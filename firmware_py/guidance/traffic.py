@@ -1,7 +1,7 @@
-"""Table of other vessels: bounded, checked every two seconds; each approaching vessel is reported once.
+"""Table of other vessels, of limited size and checked every two seconds; each approaching vessel is reported once.
 
-AIS reports may be wrong or forged. A position that jumps is not used at once, a full table keeps the vessels that could
-arrive first, and of several near vessels one is reported after the other.
+AIS reports may be wrong or forged. A position that jumps is not used at once. A full table keeps the vessels that could
+arrive first. Several near vessels are reported one after the other.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Severity
 from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, is_distress_number, merge
-from firmware_py.guidance.approach import Velocity, relative
+from firmware_py.guidance.approach import Velocity, relative_motion
 
 MAX_VESSELS = 100
-# For a vessel under way, and for one at rest, which reports every three minutes, not always received.
+# For a moving vessel, and for a vessel at rest, which reports every three minutes; some reports are lost.
 DROP_AFTER_S, STILL_DROP_AFTER_S = 600.0, 1800.0
 CHECK_INTERVAL_S = 2.0
 REPORT_INTERVAL_S = 5.0  # between reports of two vessels
-REPEAT_INTERVAL_S = 600.0  # of receiver problems and of a distress beacon
-MAX_JUMP_M, MAX_SPEED_M_S = 500.0, 60.0  # position error of a valid report, and speed of the fastest craft
+REPEAT_INTERVAL_S = 600.0  # between reports of a receiver problem or of a distress beacon
+MAX_JUMP_M, MAX_SPEED_M_S = 500.0, 60.0  # maximum position error of a valid report, and speed of the fastest craft
 CONFIRMATIONS = 3  # consistent positions after which a jump is accepted
-# A near vessel is clear beyond this multiple of the near distance: while it moves away, or at its closest approach.
+# A near vessel is no longer near beyond this multiple of the near distance, while it moves away or at its closest
+# approach.
 PASSED_FACTOR, CLEAR_FACTOR = 1.1, 3.0
 OWN_SPEED_M_S = 0.5
-ECHO_DISTANCE_M, ECHO_TRAVEL_M = 40.0, 50.0
+ECHO_DISTANCE_M, ECHO_TRAVEL_M = 40.0, 50.0  # of the transponder of the boat: maximum distance, minimum way
 
 
 class TrafficSettings(msgspec.Struct, frozen=True):
-    """Distance and time that count as near, and the speed and distance for vessels at rest."""
+    """Distance and time of a near vessel, maximum speed of a vessel at rest, and its near distance."""
 
     near_m: float
     near_s: float
@@ -57,14 +58,14 @@ class TrafficSettings(msgspec.Struct, frozen=True):
         return 2.0 * self.near_s
 
     def limit_m(self, position: VesselPosition) -> float:
-        """Return the distance below which a vessel counts as near."""
-        return self.near_m if self._moves(position) else self.still_m
+        """Return the distance below which a vessel is near."""
+        return self.near_m if self._is_moving(position) else self.still_m
 
     def drop_after_s(self, position: VesselPosition) -> float:
         """Return the time without reports after which a vessel is removed."""
-        return DROP_AFTER_S if self._moves(position) else STILL_DROP_AFTER_S
+        return DROP_AFTER_S if self._is_moving(position) else STILL_DROP_AFTER_S
 
-    def _moves(self, position: VesselPosition) -> bool:
+    def _is_moving(self, position: VesselPosition) -> bool:
         return position.speed_m_s is not None and position.speed_m_s >= self.still_m_s
 
 
@@ -89,12 +90,12 @@ class TrafficState(msgspec.Struct, frozen=True):
 
 
 class OwnMotion(msgspec.Struct, frozen=True):
-    """Position and velocity over ground; in avoidance also the velocities on the unchanged course and back to it."""
+    """Position and velocity of the boat over ground; in avoidance also on the unchanged course and on the way back."""
 
     place: Place
     velocity_m_s: Velocity
-    own_way_m_s: Velocity | None = None
-    back_m_s: Velocity | None = None
+    unchanged_m_s: Velocity | None = None
+    return_m_s: Velocity | None = None
 
 
 def update(
@@ -104,7 +105,7 @@ def update(
     own: OwnMotion | None,
     now_s: float,
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    """Enter the reports of a tick and check the table every CHECK_INTERVAL_S; return the state and the events."""
+    """Add the reports of a tick, and check the table every CHECK_INTERVAL_S; return the state and the events."""
     events: tuple[Event, ...] = ()
     if reports:
         state = _apply_reports(state, reports, own, now_s)
@@ -112,8 +113,8 @@ def update(
     if state.checked_s is not None and 0.0 <= now_s - state.checked_s < CHECK_INTERVAL_S:
         return state, events
     state, distress = _report_distress(replace(state, checked_s=now_s), own, now_s)
-    state, more = _check_vessels(settings, state, own, now_s)
-    return state, (*events, *distress, *more)
+    state, near = _check_vessels(settings, state, own, now_s)
+    return state, (*events, *distress, *near)
 
 
 def receiver_events(
@@ -126,9 +127,6 @@ def receiver_events(
     return replace(state, receiver_reported_s=now_s), (Event(Severity.NOTICE, f"AIS: {texts[-1]}"),)
 
 
-# ------------------------------------------------------------------------- the table
-
-
 def _apply_reports(
     state: TrafficState, reports: Sequence[VesselReport], own: OwnMotion | None, now_s: float
 ) -> TrafficState:
@@ -137,32 +135,32 @@ def _apply_reports(
     for report in reports:
         vessel = vessels.get(report.mmsi)
         if not isinstance(report, VesselPosition):
-            if vessel is not None:  # otherwise it is sent again within minutes
-                before = vessel.identity
-                vessels[report.mmsi] = replace(vessel, identity=report if before is None else merge(before, report))
+            if vessel is not None:  # without a position; the identity is sent again within minutes
+                identity = report if vessel.identity is None else merge(vessel.identity, report)
+                vessels[report.mmsi] = replace(vessel, identity=identity)
         elif vessel is not None:
-            vessels[report.mmsi] = _with_position(vessel, report)
+            vessels[report.mmsi] = _update_position(vessel, report)
         else:
-            rejected += _admit(vessels, Vessel(report), own, now_s)
+            rejected += _add_vessel(vessels, Vessel(report), own, now_s)
     return replace(state, vessels=tuple(vessels.values()), rejected=rejected)
 
 
-def _admit(vessels: dict[int, Vessel], vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
+def _add_vessel(vessels: dict[int, Vessel], vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
     """Add a new vessel to the table; return whether a vessel was rejected because the table is full."""
     if own is not None:
-        vessel = _with_bearing(vessel, own, now_s)
-    full = len(vessels) >= MAX_VESSELS
-    if full:
-        last = max(vessels.values(), key=_arrival_s)
-        if _arrival_s(vessel) >= _arrival_s(last):
+        vessel = _update_bearing(vessel, own, now_s)
+    is_full = len(vessels) >= MAX_VESSELS
+    if is_full:
+        last = max(vessels.values(), key=_arrival_time_s)
+        if _arrival_time_s(vessel) >= _arrival_time_s(last):
             return True
         del vessels[last.mmsi]
     vessels[vessel.mmsi] = vessel
-    return full
+    return is_full
 
 
-def _arrival_s(vessel: Vessel) -> float:
-    """Return the time in which a vessel could arrive; distress beacons, then reported vessels, sort first."""
+def _arrival_time_s(vessel: Vessel) -> float:
+    """Return the time in which a vessel could arrive; it is -1 for distress beacons and 0 for near vessels."""
     if vessel.near_s is not None:
         return 0.0
     if vessel.distress:
@@ -172,56 +170,55 @@ def _arrival_s(vessel: Vessel) -> float:
     return vessel.distance_m / ((vessel.position.speed_m_s or 0.0) + OWN_SPEED_M_S)
 
 
-def _with_position(vessel: Vessel, report: VesselPosition) -> Vessel:
-    """Return a vessel with a new position; an impossible one is used only after CONFIRMATIONS reports."""
-    if _reachable(vessel.position, report):
+def _update_position(vessel: Vessel, report: VesselPosition) -> Vessel:
+    """Return a vessel with a new position; an impossible position is used only after CONFIRMATIONS reports."""
+    if _is_reachable(vessel.position, report):
         return replace(vessel, position=report, doubted=None, doubts=0)
-    doubts = vessel.doubts + 1 if vessel.doubted is not None and _reachable(vessel.doubted, report) else 1
+    doubts = vessel.doubts + 1 if vessel.doubted is not None and _is_reachable(vessel.doubted, report) else 1
     if doubts >= CONFIRMATIONS:
         return replace(vessel, position=report, doubted=None, doubts=0)
     return replace(vessel, doubted=report, doubts=doubts)
 
 
-def _reachable(before: VesselPosition, after: VesselPosition) -> bool:
+def _is_reachable(start: VesselPosition, end: VesselPosition) -> bool:
     """Return whether a vessel can have moved from one position to another."""
-    place = Place(before.latitude_rad, before.longitude_rad)
-    distance_m, _ = place.distance_and_bearing(Place(after.latitude_rad, after.longitude_rad))
-    return distance_m <= MAX_JUMP_M + MAX_SPEED_M_S * max(0.0, after.t_s - before.t_s)
-
-
-# ------------------------------------------------------------------------- check
+    place = Place(start.latitude_rad, start.longitude_rad)
+    distance_m, _ = place.distance_and_bearing(Place(end.latitude_rad, end.longitude_rad))
+    return distance_m <= MAX_JUMP_M + MAX_SPEED_M_S * max(0.0, end.t_s - start.t_s)
 
 
 def _check_vessels(
     settings: TrafficSettings, state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    recent = [one for one in state.vessels if now_s - one.position.t_s <= settings.drop_after_s(one.position)]
+    recent = [
+        vessel for vessel in state.vessels if now_s - vessel.position.t_s <= settings.drop_after_s(vessel.position)
+    ]
     if own is None:
-        unseen = (replace(one, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for one in recent)
-        return replace(state, vessels=tuple(unseen)), ()
-    vessels = [_with_approach(settings, _with_echo_status(vessel, own, now_s), own, now_s) for vessel in recent]
+        reset = (replace(vessel, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for vessel in recent)
+        return replace(state, vessels=tuple(reset)), ()
+    vessels = [_update_approach(settings, _update_echo_status(vessel, own, now_s), own, now_s) for vessel in recent]
     state = replace(state, vessels=tuple(vessels))
     echoes = tuple(
-        Event(Severity.NOTICE, f"{now.title}: own echo, ignored")
-        for now, before in zip(vessels, recent, strict=True)
-        if now.own and not before.own
+        Event(Severity.NOTICE, f"{vessel.title}: own echo, ignored")
+        for vessel, previous in zip(vessels, recent, strict=True)
+        if vessel.own and not previous.own
     )
     if state.reported_s is not None and now_s - state.reported_s < REPORT_INTERVAL_S:
         return state, echoes
-    others = (at for at, vessel in enumerate(vessels) if vessel.near_s is None and vessel.is_other_vessel)
-    coming = [at for at in others if _comes_near(settings, vessels[at], own, now_s)]
-    if not coming:
+    others = (index for index, vessel in enumerate(vessels) if vessel.near_s is None and vessel.is_other_vessel)
+    approaching = [index for index in others if _is_approaching(settings, vessels[index], own, now_s)]
+    if not approaching:
         return state, echoes
-    first = min(coming, key=lambda at: vessels[at].cpa_in_s or 0.0)
-    vessels[first] = replace(vessels[first], near_s=now_s)
-    event = Event(Severity.WARNING, near_text(vessels[first]))
+    first_index = min(approaching, key=lambda index: vessels[index].cpa_in_s or 0.0)
+    vessels[first_index] = replace(vessels[first_index], near_s=now_s)
+    event = Event(Severity.WARNING, near_text(vessels[first_index]))
     return replace(state, vessels=tuple(vessels), reported_s=now_s), (*echoes, event)
 
 
-def _with_echo_status(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
+def _update_echo_status(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     """Return a vessel with its echo status: whether it is the transponder of the boat itself.
 
-    It is, once it has moved by ECHO_TRAVEL_M and never been farther than ECHO_DISTANCE_M from the boat.
+    This is so if it has moved by ECHO_TRAVEL_M and its distance from the boat has never exceeded ECHO_DISTANCE_M.
     """
     if now_s - vessel.position.t_s > CHECK_INTERVAL_S:
         return vessel
@@ -235,32 +232,34 @@ def _with_echo_status(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     return replace(vessel, own=True)
 
 
-# ------------------------------------------------------------------------- distress beacons
-
-
 def _report_distress(
     state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    """Report the distress beacon that has waited longest, by bearing and distance if known, else by position."""
+    """Report the distress beacon with the oldest report, by bearing and distance if known, otherwise by position."""
     vessels = list(state.vessels)
-    waiting = [at for at, vessel in enumerate(vessels) if vessel.distress and _report_due(vessel, own, now_s)]
-    if not waiting:
+    due = [index for index, vessel in enumerate(vessels) if vessel.distress and _is_report_due(vessel, own, now_s)]
+    if not due:
         return state, ()
-    first = min(waiting, key=lambda at: -math.inf if vessels[at].reported_s is None else vessels[at].reported_s or 0.0)
-    vessel = vessels[first] = replace(vessels[first], reported_s=now_s, bearing_reported=own is not None)
+    first_index = min(due, key=lambda index: _last_report_s(vessels[index]))
+    vessel = replace(vessels[first_index], reported_s=now_s, bearing_reported=own is not None)
+    vessels[first_index] = vessel
     if own is None:
         position = vessel.position
         latitude_deg, longitude_deg = degrees(position.latitude_rad), degrees(position.longitude_rad)
         text = f"Distress beacon {vessel.mmsi:09d}: at {latitude_deg:.4f}, {longitude_deg:.4f}"
     else:
-        offset = _with_bearing(vessel, own, now_s)
+        offset = _update_bearing(vessel, own, now_s)
         bearing_deg = compass_degrees(offset.bearing_rad or 0.0)
         text = f"Distress beacon {vessel.mmsi:09d}: {offset.distance_m:.0f} m, bearing {bearing_deg:03.0f} deg"
     return replace(state, vessels=tuple(vessels)), (Event(Severity.CRITICAL, text),)
 
 
-def _report_due(vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
-    """Return whether a distress beacon is new, is due again, or now has a bearing that was unknown."""
+def _last_report_s(vessel: Vessel) -> float:
+    return -math.inf if vessel.reported_s is None else vessel.reported_s
+
+
+def _is_report_due(vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
+    """Return whether a distress beacon is new, has an old report, or has a bearing for the first time."""
     if vessel.reported_s is None:
         return True
     return (own is not None and not vessel.bearing_reported) or now_s - vessel.reported_s >= REPEAT_INTERVAL_S
@@ -270,53 +269,57 @@ def _report_unplaced(
     state: TrafficState, reports: Sequence[VesselReport], now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
     """Report a distress beacon without a position."""
-    placed = {vessel.mmsi for vessel in state.vessels}
-    calls = (one.mmsi for one in reports if is_distress_number(one.mmsi) and one.mmsi not in placed)
-    mmsi = next(calls, None)
-    before_s = -math.inf if state.unplaced_s is None else state.unplaced_s
-    if mmsi is None or now_s - before_s < (REPEAT_INTERVAL_S if mmsi == state.unplaced_mmsi else REPORT_INTERVAL_S):
+    placed_mmsis = {vessel.mmsi for vessel in state.vessels}
+    mmsi = next(
+        (report.mmsi for report in reports if is_distress_number(report.mmsi) and report.mmsi not in placed_mmsis), None
+    )
+    if mmsi is None:
+        return state, ()
+    interval_s = REPEAT_INTERVAL_S if mmsi == state.unplaced_mmsi else REPORT_INTERVAL_S
+    if state.unplaced_s is not None and now_s - state.unplaced_s < interval_s:
         return state, ()
     event = Event(Severity.CRITICAL, f"Distress beacon {mmsi:09d}: no position yet")
     return replace(state, unplaced_mmsi=mmsi, unplaced_s=now_s), (event,)
 
 
-def _with_bearing(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
+def _update_bearing(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     """Return a vessel with its distance and bearing."""
-    offset = relative(own.place, vessel.position, now_s)
+    offset = relative_motion(own.place, vessel.position, now_s)
     bearing_rad = wrap_two_pi(math.atan2(offset.east_m, offset.north_m))
     return replace(vessel, distance_m=math.hypot(offset.north_m, offset.east_m), bearing_rad=bearing_rad)
 
 
-def _with_approach(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
-    """Return a vessel with its present distance and closest approach; a passed vessel is no longer near."""
-    offset = relative(own.place, vessel.position, now_s)
-    cpa_m, cpa_in_s = offset.nearest(own.velocity_m_s, settings.horizon_s)
+def _update_approach(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
+    """Return a vessel with its present distance and closest approach; a vessel that has passed is no longer near."""
+    offset = relative_motion(own.place, vessel.position, now_s)
+    cpa_m, cpa_in_s = offset.closest_approach(own.velocity_m_s, settings.horizon_s)
     distance_m = math.hypot(offset.north_m, offset.east_m)
     limit_m = settings.limit_m(vessel.position)
-    over = (cpa_in_s <= 0.0 and distance_m > PASSED_FACTOR * limit_m) or cpa_m > CLEAR_FACTOR * limit_m
-    if own.own_way_m_s is not None:  # avoidance increases the distance: it must have passed the unchanged course, too
-        over = over and offset.nearest(own.own_way_m_s, settings.horizon_s)[1] <= 0.0
-    if own.back_m_s is not None:  # and the way back must not lead near it
-        over = over and offset.nearest(own.back_m_s, settings.horizon_s)[0] > PASSED_FACTOR * limit_m
+    is_clear = (cpa_in_s <= 0.0 and distance_m > PASSED_FACTOR * limit_m) or cpa_m > CLEAR_FACTOR * limit_m
+    if own.unchanged_m_s is not None:  # in avoidance, the vessel must also have passed the unchanged course
+        is_clear = is_clear and offset.closest_approach(own.unchanged_m_s, settings.horizon_s)[1] <= 0.0
+    if own.return_m_s is not None:  # the way back must also stay clear of it
+        is_clear = is_clear and offset.closest_approach(own.return_m_s, settings.horizon_s)[0] > PASSED_FACTOR * limit_m
     return replace(
         vessel,
         distance_m=distance_m,
         bearing_rad=wrap_two_pi(math.atan2(offset.east_m, offset.north_m)),
         cpa_m=cpa_m,
         cpa_in_s=cpa_in_s,
-        near_s=None if over or not vessel.is_other_vessel else vessel.near_s,
+        near_s=None if is_clear or not vessel.is_other_vessel else vessel.near_s,
     )
 
 
-def _comes_near(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: float) -> bool:
+def _is_approaching(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: float) -> bool:
+    """Return whether the closest approach within the near time is below the near distance."""
     limit_m = settings.limit_m(vessel.position)
     if vessel.cpa_m is None or vessel.cpa_m > limit_m:
         return False
-    by_then_m, _ = relative(own.place, vessel.position, now_s).nearest(own.velocity_m_s, settings.near_s)
-    return by_then_m <= limit_m
+    cpa_m, _ = relative_motion(own.place, vessel.position, now_s).closest_approach(own.velocity_m_s, settings.near_s)
+    return cpa_m <= limit_m
 
 
 def near_text(vessel: Vessel) -> str:
-    """Return the text of a warning: vessel, closest approach, time and bearing."""
-    minutes, bearing = (vessel.cpa_in_s or 0.0) / 60.0, compass_degrees(vessel.bearing_rad or 0.0)
-    return f"{vessel.title}: closest {vessel.cpa_m or 0.0:.0f} m in {minutes:.0f} min, bearing {bearing:.0f} deg"
+    """Return the warning of a near vessel: closest approach, its time and the present bearing."""
+    minutes, bearing_deg = (vessel.cpa_in_s or 0.0) / 60.0, compass_degrees(vessel.bearing_rad or 0.0)
+    return f"{vessel.title}: closest {vessel.cpa_m or 0.0:.0f} m in {minutes:.0f} min, bearing {bearing_deg:.0f} deg"

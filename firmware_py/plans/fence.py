@@ -1,7 +1,7 @@
-"""The fence: distance to a breach, and parts of plans that lie outside.
+"""Fence: distance to a breach, and the items and legs of plans that are outside.
 
 Areas are inclusion or exclusion polygons and circles. As in MAVLink, the boat must be inside all inclusion areas of at
-least one group, and outside all exclusion areas. Edges are straight on the tangential plane at the first corner, with
+least one group, and outside all exclusion areas. Edges are straight on the tangential plane at the first vertex, with
 an error of 0.1 % over a hundred kilometres.
 """
 
@@ -17,14 +17,14 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans, limit_number, place_of
 from firmware_py.plans.items import MAX_DISTANCE_M, Command
 
-MAX_CHECKS = 500  # for one leg
+MAX_CHECKS = 500  # of one leg
 MIN_STEP_M = 1.0
-TOLERANCE_M = 0.1  # a place outside by less counts as inside
+TOLERANCE_M = 0.1  # a place is inside if its distance outside is smaller
 _DESTINATIONS = frozenset(
     {Command.WAYPOINT, Command.LOITER_UNLIMITED, Command.LOITER_TURNS, Command.LOITER_TIME}
     | {Command.FENCE_RETURN, Command.RALLY_POINT}
 )
-_NAMES = {PlanKind.MISSION: "Mission item", PlanKind.FENCE: "Fence item", PlanKind.RALLY: "Rally point"}
+_ITEM_NAMES = {PlanKind.MISSION: "Mission item", PlanKind.FENCE: "Fence item", PlanKind.RALLY: "Rally point"}
 
 Point = tuple[float, float]
 
@@ -46,16 +46,16 @@ class Fence(msgspec.Struct, frozen=True):
 
 
 class Breach(msgspec.Struct, frozen=True):
-    """An item outside the fence by `distance_m`, or (`is_leg`) an item whose leg leaves the fence by it."""
+    """An item at `distance_m` outside the fence or, with `is_leg`, the leg to this item with that largest distance."""
 
     kind: PlanKind
     index: int
     distance_m: float
     is_leg: bool
 
-    def message(self, first: int) -> str:
-        """Return the text; `first` is the number of the first item of the plan."""
-        item, distance = f"{_NAMES[self.kind]} {self.index + first}", f"{max(self.distance_m, 1.0):.0f} m"
+    def message(self, first_number: int) -> str:
+        """Return the text; `first_number` is the number of the first item of the plan."""
+        item, distance = f"{_ITEM_NAMES[self.kind]} {self.index + first_number}", f"{max(self.distance_m, 1.0):.0f} m"
         if self.is_leg:
             return f"Leg to {item.lower()} leaves the fence by {distance}"
         return f"{item} is {distance} outside the fence"
@@ -63,7 +63,7 @@ class Breach(msgspec.Struct, frozen=True):
 
 @functools.lru_cache(maxsize=4)
 def fence_of(plan: Plan) -> Fence | None:
-    """Convert a fence; None if it has no area. Cached."""
+    """Convert a fence to areas, or return None if it has no area; cached."""
     if not plan.items:
         return None
     anchor = _place(plan.items[0])
@@ -92,7 +92,7 @@ def _group(item: PlanItem) -> int:
 
 
 def _place(item: PlanItem) -> Place:
-    """Return the place of an item; in a fence, 0, 0 is an ordinary place."""
+    """Return the place of an item; in a fence, 0, 0 is a valid place."""
     return place_of(item) or Place(0.0, 0.0)
 
 
@@ -101,28 +101,27 @@ def _point(anchor: Place, item: PlanItem) -> Point:
 
 
 def margin_m(plan: Plan, place: Place) -> float:
-    """Return the distance to a breach, negative in breach; MAX_DISTANCE_M without an area."""
+    """Return the distance to a breach in metres, negative in breach; MAX_DISTANCE_M without an area."""
     fence = fence_of(plan)
     if fence is None:
         return MAX_DISTANCE_M
     return _margin_m(fence, fence.anchor.offset_m(place))
 
 
-def _margin_m(fence: Fence, here: Point) -> float:
-    inside: dict[int, float] = {}
+def _margin_m(fence: Fence, point: Point) -> float:
+    group_margins_m: dict[int, float] = {}
     margin = MAX_DISTANCE_M
     for area in fence.areas:
-        # Positive within the area.
-        depth_m = _depth_m(area, here)
+        depth_m = _depth_m(area, point)
         if area.inclusion:
-            inside[area.group] = min(inside.get(area.group, MAX_DISTANCE_M), depth_m)
+            group_margins_m[area.group] = min(group_margins_m.get(area.group, MAX_DISTANCE_M), depth_m)
         else:
             margin = min(margin, -depth_m)
-    return min(margin, max(inside.values())) if inside else margin
+    return min(margin, max(group_margins_m.values())) if group_margins_m else margin
 
 
-def breaches(plans: Plans) -> Iterator[Breach | None]:
-    """Yield the breaches of the plans in order, and None after each check of the fence, so that callers can pause.
+def find_breaches(plans: Plans) -> Iterator[Breach | None]:
+    """Yield the breaches of the plans in order, and None before each check of the fence, so that callers can pause.
 
     The first leg is not checked, because its start is unknown.
     """
@@ -130,7 +129,7 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
     if fence is None:
         return
     for plan in (plans.mission, plans.fence, plans.rally):
-        before: Point | None = None
+        previous: Point | None = None
         is_enabled = True
         for index, item in enumerate(plan.items):
             if item.command == Command.FENCE_ENABLE:
@@ -138,61 +137,64 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
             if item.command not in _DESTINATIONS:
                 continue
             if (place := place_of(item)) is None or not is_enabled:
-                before = None
+                previous = None
                 continue
-            here = fence.anchor.offset_m(place)
-            # Loiter circles are moved inward by guidance, except for those with a number of turns.
-            turned_m = (
+            point = fence.anchor.offset_m(place)
+            # Guidance moves loiter circles inward, except those of LOITER_TURNS.
+            orbit_m = (
                 limit_number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
             )
             yield None
-            worst_m = _margin_m(fence, here) - turned_m
+            worst_m = _margin_m(fence, point) - orbit_m
             is_leg = False
-            if before is not None and worst_m >= -TOLERANCE_M:
+            if previous is not None and worst_m >= -TOLERANCE_M:
                 is_leg = True
-                for margin_m in _margins_on_leg(fence, before, here):
+                for margin_m in _margins_on_leg(fence, previous, point):
                     worst_m = min(worst_m, margin_m)
                     yield None
             if worst_m < -TOLERANCE_M:
                 yield Breach(plan.kind, index, -worst_m, is_leg)
-            before = here if plan.kind is PlanKind.MISSION and (is_leg or worst_m >= -TOLERANCE_M) else None
+            previous = point if plan.kind is PlanKind.MISSION and (is_leg or worst_m >= -TOLERANCE_M) else None
 
 
 def _margins_on_leg(fence: Fence, start: Point, end: Point) -> Iterator[float]:
-    """Yield the margins on a leg, each at a distance of the last margin, in at most MAX_CHECKS steps."""
+    """Yield the margins of points on a leg; each step is the last margin, and there are at most MAX_CHECKS steps."""
     length_m = math.dist(start, end)
     at_m = 0.0
     while at_m < length_m:
-        part = at_m / length_m
-        margin_m = _margin_m(fence, (start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1])))
+        fraction = at_m / length_m
+        point = start[0] + fraction * (end[0] - start[0]), start[1] + fraction * (end[1] - start[1])
+        margin_m = _margin_m(fence, point)
         yield margin_m
         at_m += max(margin_m, length_m / MAX_CHECKS, MIN_STEP_M)
 
 
-def _depth_m(area: Area, here: Point) -> float:
+def _depth_m(area: Area, point: Point) -> float:
+    """Return the distance of a point to the edge of an area in metres, positive inside (ray casting)."""
     if len(area.corners) == 1:
         centre = area.corners[0]
-        return area.radius_m - math.hypot(here[0] - centre[0], here[1] - centre[1])
-    inside = False
-    nearest = math.inf
-    north, east = here
-    before = area.corners[-1]
+        return area.radius_m - math.hypot(point[0] - centre[0], point[1] - centre[1])
+    is_inside = False
+    min_square = math.inf
+    north, east = point
+    previous = area.corners[-1]
     for corner in area.corners:
-        nearest = min(nearest, _square_to_edge(before, corner, here))
-        if (before[0] > north) is not (corner[0] > north):
-            crossing = before[1] + (north - before[0]) * (corner[1] - before[1]) / (corner[0] - before[0])
+        min_square = min(min_square, _squared_distance(previous, corner, point))
+        if (previous[0] > north) is not (corner[0] > north):
+            crossing = previous[1] + (north - previous[0]) * (corner[1] - previous[1]) / (corner[0] - previous[0])
             if east < crossing:
-                inside = not inside
-        before = corner
-    distance_m = math.sqrt(nearest)
-    return distance_m if inside else -distance_m
+                is_inside = not is_inside
+        previous = corner
+    distance_m = math.sqrt(min_square)
+    return distance_m if is_inside else -distance_m
 
 
-def _square_to_edge(start: Point, end: Point, here: Point) -> float:
+def _squared_distance(start: Point, end: Point, point: Point) -> float:
+    """Return the squared distance of a point to an edge."""
     along_north, along_east = end[0] - start[0], end[1] - start[1]
-    north, east = here[0] - start[0], here[1] - start[1]
-    square = along_north * along_north + along_east * along_east
-    part = (north * along_north + east * along_east) / square if square > 0.0 else 0.0
-    part = min(max(part, 0.0), 1.0)
-    north, east = north - part * along_north, east - part * along_east
+    north, east = point[0] - start[0], point[1] - start[1]
+    length_squared = along_north * along_north + along_east * along_east
+    fraction = (north * along_north + east * along_east) / length_squared if length_squared > 0.0 else 0.0
+    fraction = min(max(fraction, 0.0), 1.0)
+    north, east = north - fraction * along_north, east - fraction * along_east
     return north * north + east * east

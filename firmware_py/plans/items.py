@@ -1,11 +1,11 @@
 """Table of plan items: the allowed commands of missions, fences and rally points, and their parameters.
 
-An accepted plan holds only these commands, with these frames and ranges. Parameters that are not in a row have no
-effect and may hold any finite number or NaN. `unset` in a row: NaN means the default of the boat, as does 0 where the
-text says so.
+An accepted plan has only these commands, with these frames and ranges. Parameters that are not in a row have no
+effect; they may be any finite number or NaN. With `unset`, NaN means the default of the boat; 0 also means the default
+if the text says so.
 
 Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means the position at the beginning of the item, as
-in ArduPilot; in a fence and in rally points it is an ordinary place. `z` is used only by DO_SET_HOME.
+in ArduPilot; in a fence it is a valid place. `z` is used only by DO_SET_HOME.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Meaning(msgspec.Struct, frozen=True):
     unset: bool = False
 
     def allowed(self) -> str:
-        """Return the allowed values, for messages."""
+        """Return the allowed values as a text."""
         kind = "a whole number, " if self.whole else ""
         return f"{kind}{self.low:g} to {self.high:g} {self.unit}".rstrip()
 
@@ -76,7 +76,7 @@ class Meaning(msgspec.Struct, frozen=True):
 
 
 class ItemRow(msgspec.Struct, frozen=True):
-    """One command. `place`: x and y are a place. `lasts`: it takes time, so that it may be part of an endless loop."""
+    """One command. `place`: x and y are a place. `lasts`: it has a duration, so that an endless loop may contain it."""
 
     command: Command
     name: str
@@ -86,7 +86,7 @@ class ItemRow(msgspec.Struct, frozen=True):
     meanings: tuple[Meaning, ...] = ()
 
 
-def _radius(text: str) -> Meaning:
+def _make_radius(text: str) -> Meaning:
     return Meaning(
         3,
         f"{text}; 0: by parameter; negative: anticlockwise",
@@ -127,7 +127,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(_radius("radius of station keeping"),),
+        meanings=(_make_radius("radius of station keeping"),),
     ),
     ItemRow(
         Command.LOITER_TURNS,
@@ -135,7 +135,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "turns", 0.0, MAX_TURNS), _radius("radius")),
+        meanings=(Meaning(1, "turns", 0.0, MAX_TURNS), _make_radius("radius")),
     ),
     ItemRow(
         Command.LOITER_TIME,
@@ -143,7 +143,10 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "time of station keeping from the arrival", 0.0, MAX_DURATION_S, "s"), _radius("radius")),
+        meanings=(
+            Meaning(1, "time of station keeping from the arrival", 0.0, MAX_DURATION_S, "s"),
+            _make_radius("radius"),
+        ),
     ),
     ItemRow(Command.RETURN, "NAV_RETURN_TO_LAUNCH", _MISSION, place=False, lasts=True),
     ItemRow(
@@ -278,12 +281,12 @@ TABLE: tuple[ItemRow, ...] = (
 
 ROWS: Mapping[int, ItemRow] = {int(row.command): row for row in TABLE}
 
-# MAV_CMD of cameras, triggers and gimbals, which plan files may hold although the boat has none.
+# MAV_CMD of cameras, triggers and gimbals: plan files may contain them, although the boat has none.
 CAMERA = frozenset(
     {*range(195, 199), *range(200, 207), 214, 260, *range(530, 535), 1000, 1001, *range(2000, 2006), *range(2500, 2504)}
 )
 
-# MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain.
+# MAV_FRAME: GLOBAL and GLOBAL_RELATIVE_ALT, their _INT forms, and the two over terrain.
 PLACE_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 MISSION_FRAME = 2  # of items without a place
 
@@ -299,6 +302,6 @@ def markdown() -> str:
 
 
 def has_position(command: int) -> bool:
-    """Return whether x and y of this command are a place; True for unknown commands except those of cameras."""
+    """Return whether x and y of a command are a position; True for unknown commands except those of cameras."""
     row = ROWS.get(command)
     return command not in CAMERA if row is None else row.place

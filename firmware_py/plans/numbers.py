@@ -1,4 +1,4 @@
-"""Checked numbers of plan files."""
+"""Reading and validation of numbers in plan files."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ _INT32 = 1 << 31
 
 
 class PlanFileError(ValueError):
-    """A plan file is refused; the text names file, line or item, and remedy."""
+    """Refusal of a plan file; the text contains file, line or item, and remedy."""
 
 
 def read_number(text: str) -> float:
-    """Read a number of a text file; PlanFileError for anything else."""
+    """Read a number of a text file; raise PlanFileError for any other text."""
     try:
-        # Python would accept underscores.
+        # float() would accept underscores.
         return float(text.replace("_", "?"))
     except ValueError:
         raise PlanFileError(f"{text[:30]!r} is not a number") from None
 
 
-def read_whole(text: str, high: int) -> int:
-    """Read a whole number from 0 to high."""
+def read_integer(text: str, high: int) -> int:
+    """Read an integer from 0 to `high`; raise PlanFileError for any other text."""
     value = read_number(text)
     if not (0 <= value <= high and value == math.floor(value)):
         raise PlanFileError(f"{text[:30]!r} is not a whole number from 0 to {high}")
@@ -34,40 +34,37 @@ def read_whole(text: str, high: int) -> int:
 
 
 def scale_angle(angle_deg: float, name: str, limit_deg: float) -> int:
-    """Return an angle in 1e-7 degrees, as in MAVLink."""
+    """Convert an angle to 1e-7 degrees, as in MAVLink; raise PlanFileError beyond the limit."""
     if not abs(angle_deg) <= limit_deg:
         raise PlanFileError(f"{name} {angle_deg:g} is not within -{limit_deg:g} to {limit_deg:g} deg")
     return round(angle_deg * 1e7)
 
 
-def scale_place(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
-    """Return x and y of a place."""
+def scale_position(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+    """Convert a position to x and y of an item."""
     return scale_angle(latitude_deg, "latitude", 90.0), scale_angle(longitude_deg, "longitude", 180.0)
 
 
 def make_item(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
-    """Create an item from the seven parameters of a file; x and y of a place are in degrees."""
+    """Create an item from the seven parameters of a file; x and y of a position are in degrees."""
     for number, value in enumerate(params, start=1):
         if math.isfinite(value) and abs(value) > SINGLE_MAX:
             raise PlanFileError(f"param{number} is too large")
-    first, second, third, fourth, x, y, z = params
-    if has_position(command):
-        whole_x, whole_y = scale_place(x, y)
-    else:
-        whole_x, whole_y = _whole_or_zero(x), _whole_or_zero(y)
-    return PlanItem(command, frame, autocontinue, (first, second, third, fourth), whole_x, whole_y, z)
+    param1, param2, param3, param4, x, y, z = params
+    int_x, int_y = scale_position(x, y) if has_position(command) else (_to_int_or_zero(x), _to_int_or_zero(y))
+    return PlanItem(command, frame, autocontinue, (param1, param2, param3, param4), int_x, int_y, z)
 
 
-def _whole_or_zero(value: float) -> int:
+def _to_int_or_zero(value: float) -> int:
     return int(value) if abs(value) < _INT32 else 0
 
 
-def located(source: str, where: str, error: PlanFileError) -> PlanFileError:
-    """Return the error with its place in the file."""
-    return PlanFileError(f"{source}{where}: {error}")
+def add_location(source: str, location: str, error: PlanFileError) -> PlanFileError:
+    """Return the error with its location in the file."""
+    return PlanFileError(f"{source}{location}: {error}")
 
 
 def shorten(value: Any) -> str:
-    """Return a value for a message, at most 40 characters."""
+    """Return the text of a value for a message, at most 40 characters."""
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -1,4 +1,4 @@
-"""Polygons of a fence: assembled from their vertices and checked.
+"""Polygons of a fence: assembly from their vertices, and validation.
 
 Vertices are integers in 1e-7 degrees, so that the checks are exact.
 """
@@ -15,7 +15,7 @@ from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
 _FULL_CIRCLE = 3_600_000_000
-_MAX_EDGE_PAIRS = 20_000  # compared for one fence, about 10 ms
+_MAX_EDGE_PAIRS = 20_000  # in the comparisons of one fence; about 10 ms
 _MIN_EDGES = 3
 
 Point = tuple[int, int]
@@ -31,7 +31,7 @@ class Polygon(msgspec.Struct, frozen=True):
 
 
 def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
-    """Yield the polygons of an accepted fence."""
+    """Yield the polygons of a valid fence."""
     index = 0
     while index < len(items):
         count = 1
@@ -65,12 +65,12 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
         edges = _edges(vertices)
         if len(edges) < _MIN_EDGES:
             return PlanProblem(index, PlanResult.INVALID, "the polygon has fewer than 3 different vertices")
-        crossing, pairs_left = _crossing(edges, pairs_left)
+        has_crossing, pairs_left = _find_crossing(edges, pairs_left)
         if pairs_left < 0:
             return PlanProblem(
                 index, PlanResult.INVALID, "the polygon is too complex to be checked; use fewer vertices"
             )
-        if crossing:
+        if has_crossing:
             return PlanProblem(index, PlanResult.INVALID, "the polygon crosses itself")
         if _is_line(edges):
             return PlanProblem(index, PlanResult.INVALID, "the polygon has all its vertices on one line")
@@ -92,42 +92,42 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
     return list(zip(points, [*points[1:], points[0]], strict=True)) if len(points) > 1 else []
 
 
-def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
-    """Return whether two edges cross, and the number of comparisons left; negative if there were too few."""
+def _find_crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
+    """Return whether two edges cross, and the number of comparisons left; negative: the comparison is incomplete."""
     spans = [[(min(start[axis], end[axis]), max(start[axis], end[axis])) for start, end in edges] for axis in (0, 1)]
-    # Sweep along the axis on which the edges are shorter relative to the polygon, because fewer of them overlap there.
-    crowding = [
+    # The sweep is along the axis on which the edges are shorter relative to the polygon: fewer edges overlap there.
+    overlaps = [
         sum(high - low for low, high in span) / (max(s[1] for s in span) - min(s[0] for s in span) or 1)
         for span in spans
     ]
-    span = spans[0] if crowding[0] <= crowding[1] else spans[1]
+    span = spans[0] if overlaps[0] <= overlaps[1] else spans[1]
     active: list[int] = []
     for index in sorted(range(len(edges)), key=lambda number: span[number][0]):
-        low = span[index][0]
-        active = [other for other in active if span[other][1] >= low]
+        start = span[index][0]
+        active = [other for other in active if span[other][1] >= start]
         pairs_left -= len(active)
         if pairs_left < 0:
             return False, pairs_left
-        if any(_cross(edges[index], edges[other]) for other in active):
+        if any(_do_cross(edges[index], edges[other]) for other in active):
             return True, pairs_left
         active.append(index)
     return False, pairs_left
 
 
 def _is_line(edges: Sequence[Edge]) -> bool:
-    """Return whether all vertices lie within one unit of the line from the first to the farthest vertex."""
-    ways = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
-    dx, dy = max(ways, key=lambda is_leg: is_leg[0] ** 2 + is_leg[1] ** 2)
-    return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in ways)
+    """Return whether all vertices are within one unit of the line from the first to the farthest vertex."""
+    offsets = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
+    dx, dy = max(offsets, key=lambda offset: offset[0] ** 2 + offset[1] ** 2)
+    return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in offsets)
 
 
-def _cross(edge: Edge, other: Edge) -> bool:
-    """Return whether two edges cross; touching does not count."""
-    return _sides(edge, other) < 0 and _sides(other, edge) < 0
+def _do_cross(edge: Edge, other: Edge) -> bool:
+    """Return whether two edges cross; edges that only touch do not."""
+    return _side_product(edge, other) < 0 and _side_product(other, edge) < 0
 
 
-def _sides(line: Edge, edge: Edge) -> int:
-    """Return a negative number if the ends of an edge lie on different sides of a line."""
+def _side_product(line: Edge, edge: Edge) -> int:
+    """Return the product of the signed distances of the ends of an edge to a line: negative on different sides."""
     (ax, ay), (bx, by) = line
     dx, dy = bx - ax, by - ay
     (px, py), (qx, qy) = edge

@@ -1,4 +1,4 @@
-"""Problems of plans, and their texts."""
+"""Problem of a plan: result for MAVLink, and text."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ class PlanProblem(msgspec.Struct, frozen=True):
     result: PlanResult
     text: str
 
-    def message(self, first: int) -> str:
-        """Return the text with the number of the item; `first` is that of the first item (`first_item_number`)."""
-        return self.text if self.index is None else f"item {self.index + first}: {self.text}"
+    def message(self, first_number: int) -> str:
+        """Return the text with the number of the item; `first_number` as from `first_item_number`."""
+        return self.text if self.index is None else f"item {self.index + first_number}: {self.text}"

@@ -1,4 +1,4 @@
-"""Reads plan files of all supported formats."""
+"""Reading of plan files in all supported formats."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_BYTES = 8 << 20
 def read_plan_file(
     content: bytes, source: str, *, home: bool = True, note: Callable[[str], None] = lambda _text: None
 ) -> tuple[Plan, ...]:
-    """Read and check the plans of a file; PlanFileError names source, line or item, and remedy.
+    """Read and validate the plans of a file; raise PlanFileError with source, line or item, and remedy.
 
     Camera items of a mission are skipped and reported by `note`.
     """
@@ -32,27 +32,27 @@ def read_plan_file(
         raise PlanFileError(f"{source}: not a text file; name a plan file") from None
     is_json = text.lstrip()[:1] == "{"
     plans = read_plan(text, source) if is_json else (read_text(text, source, home=home),)
-    checked = []
-    for each in plans:
-        plan, indices = _without_camera(each)
+    valid_plans = []
+    for file_plan in plans:
+        plan, indices = _remove_camera_items(file_plan)
         if problem := problem_of(plan):
             kind = plan.kind.name.lower()
-            first = int(home and plan.kind is PlanKind.MISSION)
-            counted = "home is item 0" if first else "items are counted from 0"
+            first_number = int(home and plan.kind is PlanKind.MISSION)
+            numbering = "home is item 0" if first_number else "items are counted from 0"
             if problem.index is not None:
                 problem = replace(problem, index=indices[problem.index])
-            raise PlanFileError(f"{source}: {kind}: {problem.message(first)}; correct it ({counted})")
-        if skipped := sorted({item.command for item in each.items} & CAMERA if plan is not each else ()):
+            raise PlanFileError(f"{source}: {kind}: {problem.message(first_number)}; correct it ({numbering})")
+        if skipped := sorted({item.command for item in file_plan.items} & CAMERA if plan is not file_plan else ()):
             if not plan.items:
                 raise PlanFileError(f"{source}: mission: it has only camera commands; add waypoints")
-            count, commands = len(each.items) - len(plan.items), ", ".join(map(str, skipped))
+            count, commands = len(file_plan.items) - len(plan.items), ", ".join(map(str, skipped))
             note(f"{source}: mission: camera items skipped: {count} (MAV_CMD {commands}); the boat has no camera")
-        checked.append(plan)
-    return tuple(checked)
+        valid_plans.append(plan)
+    return tuple(valid_plans)
 
 
-def _without_camera(plan: Plan) -> tuple[Plan, list[int]]:
-    """Return a mission without its camera items, its jumps renumbered, and the old places of the other items."""
+def _remove_camera_items(plan: Plan) -> tuple[Plan, list[int]]:
+    """Return a mission without camera items and with renumbered jumps, and the former indices of its items."""
     indices = [number for number, item in enumerate(plan.items) if item.command not in CAMERA]
     if plan.kind is not PlanKind.MISSION or len(indices) == len(plan.items):
         return plan, list(range(len(plan.items)))

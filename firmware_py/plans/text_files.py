@@ -1,4 +1,4 @@
-"""Text files of plans: `QGC WPL 110` (.waypoints) for all kinds, and MAVProxy's older fences and rally points."""
+"""Text files of plans: `QGC WPL 110` (.waypoints) for all kinds, and older fence and rally files of MAVProxy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from firmware_py.common.parameters import format_value
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plans.items import ROWS, Command, has_position
-from firmware_py.plans.numbers import PlanFileError, located, make_item, read_number, read_whole, scale_place
+from firmware_py.plans.numbers import PlanFileError, add_location, make_item, read_integer, read_number, scale_position
 
 HEADER = "QGC WPL 110"
 _COLUMNS = 12
@@ -19,77 +19,77 @@ _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
 Line = tuple[int, list[str]]  # number in the file, and words
 
 
-def lines_of(text: str) -> list[Line]:
-    """Return the lines with content."""
+def split_lines(text: str) -> list[Line]:
+    """Return the numbers and words of the lines that are not empty; comments are removed."""
     lines = [(number, line.split("#", 1)[0].split()) for number, line in enumerate(text.splitlines(), start=1)]
     return [line for line in lines if line[1]]
 
 
 def read_text(text: str, source: str, *, home: bool = True) -> Plan:
-    """Read a text format, recognised by its first line; `home`: item 0 of a mission is home."""
-    lines = lines_of(text)
-    first = " ".join(lines[0][1]) if lines else ""
-    if first == HEADER:
-        return _waypoints(lines[1:], source, home=home)
-    if first.split(" ")[0].upper() == "RALLY":
-        return Plan.of(PlanKind.RALLY, _each(lines, source, _rally_point))
+    """Read a plan; the first line defines the format. `home`: item 0 of a mission is home."""
+    lines = split_lines(text)
+    first_line = " ".join(lines[0][1]) if lines else ""
+    if first_line == HEADER:
+        return _read_waypoints(lines[1:], source, home=home)
+    if first_line.split(" ")[0].upper() == "RALLY":
+        return Plan.of(PlanKind.RALLY, _read_items(lines, source, _read_rally_point))
     if lines and len(lines[0][1]) == 2:
-        return _old_fence(lines, source)
+        return _read_mavproxy_fence(lines, source)
     raise PlanFileError(
         f"{source}: not a supported plan file; use a .plan of QGroundControl, {HEADER} (.waypoints), "
         "or a fence or rally file of MAVProxy"
     )
 
 
-def _each(lines: Iterable[Line], source: str, make: Callable[[list[str]], PlanItem]) -> list[PlanItem]:
+def _read_items(lines: Iterable[Line], source: str, make: Callable[[list[str]], PlanItem]) -> list[PlanItem]:
     items = []
     for number, words in lines:
         try:
             items.append(make(words))
         except PlanFileError as error:
-            raise located(source, f":{number}", error) from None
+            raise add_location(source, f":{number}", error) from None
     return items
 
 
-def _waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
+def _read_waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
     for expected, (number, words) in enumerate(lines):
         if len(words) != _COLUMNS:
             raise PlanFileError(f"{source}:{number}: {len(words)} columns instead of {_COLUMNS}")
         if words[0] != str(expected):
             raise PlanFileError(f"{source}:{number}: item {words[0][:20]!r} instead of {expected}; number them from 0")
-    kind = _kind(lines, source)
+    kind = _find_kind(lines, source)
     home_count = int(home and kind is PlanKind.MISSION)
     if not lines:
         raise PlanFileError(f"{source}: no items, so that the kind of plan is unknown; clear a plan with a .plan file")
-    items = _each(lines[home_count:], source, _waypoint)
+    items = _read_items(lines[home_count:], source, _read_waypoint)
     return Plan.of(kind, [_shift_jump(item, -home_count) for item in items])
 
 
-def _kind(lines: Sequence[Line], source: str) -> PlanKind:
-    """Return the kind of plan by its commands; item 0 does not count, because it may be home."""
+def _find_kind(lines: Sequence[Line], source: str) -> PlanKind:
+    """Return the kind of plan by its commands; item 0 is ignored, because it may be home."""
     for number, words in lines[1:] or lines:
         try:
-            row = ROWS.get(read_whole(words[3], 0xFFFF))
+            row = ROWS.get(read_integer(words[3], 0xFFFF))
         except PlanFileError as error:
-            raise located(source, f":{number}", error) from None
+            raise add_location(source, f":{number}", error) from None
         if row is not None:
             return row.kind
     return PlanKind.MISSION
 
 
-def _waypoint(words: list[str]) -> PlanItem:
-    frame, command = read_whole(words[2], 0xFF), read_whole(words[3], 0xFFFF)
+def _read_waypoint(words: list[str]) -> PlanItem:
+    frame, command = read_integer(words[2], 0xFF), read_integer(words[3], 0xFFFF)
     params = [read_number(word) for word in words[4:11]]
-    return make_item(command, frame, params, autocontinue=bool(read_whole(words[11], 1)))
+    return make_item(command, frame, params, autocontinue=bool(read_integer(words[11], 1)))
 
 
-def _shift_jump(item: PlanItem, by: int) -> PlanItem:
+def _shift_jump(item: PlanItem, shift: int) -> PlanItem:
     if item.command != Command.JUMP:
         return item
-    return replace(item, params=(item.params[0] + by, *item.params[1:]))
+    return replace(item, params=(item.params[0] + shift, *item.params[1:]))
 
 
-def _rally_point(words: list[str]) -> PlanItem:
+def _read_rally_point(words: list[str]) -> PlanItem:
     if len(words) != 7 or words[0].upper() != "RALLY":
         raise PlanFileError("expected RALLY LATITUDE LONGITUDE ALTITUDE BREAK_ALTITUDE DIRECTION FLAGS")
     latitude_deg, longitude_deg, altitude_m = (read_number(word) for word in words[1:4])
@@ -97,16 +97,16 @@ def _rally_point(words: list[str]) -> PlanItem:
     return make_item(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True)
 
 
-def _old_fence(lines: Sequence[Line], source: str) -> Plan:
+def _read_mavproxy_fence(lines: Sequence[Line], source: str) -> Plan:
     """Read an older fence of MAVProxy: return point, vertices, and the first vertex again."""
 
-    def corner(words: list[str]) -> PlanItem:
+    def read_corner(words: list[str]) -> PlanItem:
         if len(words) != 2:
             raise PlanFileError("expected LATITUDE LONGITUDE")
-        x, y = scale_place(read_number(words[0]), read_number(words[1]))
+        x, y = scale_position(read_number(words[0]), read_number(words[1]))
         return PlanItem(int(Command.INCLUDED_VERTEX), _GLOBAL, x=x, y=y)
 
-    return_point, *corners = _each(lines, source, corner)
+    return_point, *corners = _read_items(lines, source, read_corner)
     if len(corners) < 4 or (corners[0].x, corners[0].y) != (corners[-1].x, corners[-1].y):
         raise PlanFileError(
             f"{source}: a fence needs its return point, at least 3 vertices, and the first vertex again at the end"
@@ -117,7 +117,7 @@ def _old_fence(lines: Sequence[Line], source: str) -> Plan:
 
 
 def write_text(plan: Plan) -> str:
-    """Write a plan as `QGC WPL 110`; the home of a mission is 0, 0, because only the boat knows it."""
+    """Write a plan as `QGC WPL 110`; home of a mission is 0, 0, because it is not part of the plan."""
     home_count = int(plan.kind is PlanKind.MISSION)
     homes = [PlanItem(int(Command.WAYPOINT))] * home_count
     items = [*homes, *(_shift_jump(item, home_count) for item in plan.items)]
@@ -126,14 +126,14 @@ def write_text(plan: Plan) -> str:
         x, y = str(item.x), str(item.y)
         if has_position(item.command):
             x, y = f"{item.x * 1e-7:.7f}", f"{item.y * 1e-7:.7f}"
-        params = [_single_text(value) for value in item.params]
-        head = [number, int(number == 0), item.frame, item.command]
-        lines.append("\t".join(map(str, [*head, *params, x, y, _single_text(item.z), int(item.autocontinue)])))
+        params = [_format_single(value) for value in item.params]
+        header = [number, int(number == 0), item.frame, item.command]
+        lines.append("\t".join(map(str, [*header, *params, x, y, _format_single(item.z), int(item.autocontinue)])))
     return "\n".join(lines) + "\n"
 
 
-def _single_text(value: float) -> str:
-    """Write a number that reads back as the same single-precision value, including the sign of zero."""
+def _format_single(value: float) -> str:
+    """Format a number so that reading gives the same single-precision value, including the sign of zero."""
     if math.isnan(value):
         return "nan"
     return format_value(value) if value else f"{value:g}"

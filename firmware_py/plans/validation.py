@@ -12,8 +12,8 @@ from firmware_py.plans.sequence import order_problem
 
 __all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
 
-_LATITUDE_MAX, _LONGITUDE_MAX = 900_000_000, 1_800_000_000
-_BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVALID_PARAM1 and on
+_MAX_LATITUDE, _MAX_LONGITUDE = 900_000_000, 1_800_000_000
+_INVALID_PARAM = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}
 _TIME_OF_DAY = -1.0
 _CACHE_SIZE = 4
 
@@ -22,7 +22,7 @@ _recent: list[tuple[Plan, PlanProblem | None]] = []
 
 def problem_of(plan: Plan) -> PlanProblem | None:
     """Return the first problem of a plan, or None; cached."""
-    # By object identity, because two plans with the same checksum can be forged.
+    # The cache compares object identities, because two plans with the same checksum can be forged.
     for recent, problem in _recent:
         if recent is plan:
             return problem
@@ -46,7 +46,7 @@ def _first_problem(plan: Plan) -> PlanProblem | None:
 
 
 def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | None:
-    """Return the problem of an item by itself."""
+    """Return the problem of an item, without its references to other items."""
     row = ROWS.get(item.command)
     if row is None or row.kind is not kind:
         name = f"command {item.command}" if row is None else row.name
@@ -55,21 +55,21 @@ def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | No
         return PlanProblem(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
     for number, value in enumerate(item.params, start=1):
         if math.isinf(value):
-            return PlanProblem(index, _BY_NUMBER[number], f"{row.name}: param{number} is infinite")
+            return PlanProblem(index, _INVALID_PARAM[number], f"{row.name}: param{number} is infinite")
     for meaning in row.meanings:
         value = item.params[meaning.number - 1]
         if not meaning.admits(value):
             text = f"{row.name}: param{meaning.number} is {value:g}; allowed: {meaning.allowed()}"
-            return PlanProblem(index, _BY_NUMBER[meaning.number], text)
-    return _place_problem(row, index, item) or _special_problem(row, index, item)
+            return PlanProblem(index, _INVALID_PARAM[meaning.number], text)
+    return _position_problem(row, index, item) or _special_problem(row, index, item)
 
 
-def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
-    if row.place and not -_LATITUDE_MAX <= item.x <= _LATITUDE_MAX:
+def _position_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
+    if row.place and not -_MAX_LATITUDE <= item.x <= _MAX_LATITUDE:
         return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is out of range")
-    if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
+    if row.place and not -_MAX_LONGITUDE <= item.y <= _MAX_LONGITUDE:
         return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is out of range")
-    # In a mission 0, 0 is the present position, in a fence an ordinary place; for a rally point it means unset.
+    # Position 0, 0 is the present position in a mission and valid in a fence; in a rally point it means unset fields.
     if row.command is Command.RALLY_POINT and item.x == item.y == 0:
         return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: position 0, 0 is not accepted")
     if math.isinf(item.z):

@@ -19,7 +19,7 @@ from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peers import Peer, Sender, Station, sender_of, station_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import timeouts_of
-from firmware_py.plans.fence import Breach, breaches
+from firmware_py.plans.fence import Breach, find_breaches
 from firmware_py.plans.problem import PlanResult
 
 _ALL_KINDS = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
@@ -305,7 +305,7 @@ class FenceWarning:
         """Continue the checks of the present plans, once a tick."""
         plans = self._context.request_handler.plans()
         if plans is not self._plans:
-            self._plans, self._checks, self._breaches = plans, breaches(plans), []
+            self._plans, self._checks, self._breaches = plans, find_breaches(plans), []
         for _ in range(1 + CORNERS_PER_TICK // (len(plans.fence.items) + 1)):
             try:
                 breach = next(self._checks)

@@ -1,4 +1,4 @@
-"""An ideal boat with a limited turning rate, in a plane with a current."""
+"""A simulated boat with a limited turning rate, in a plane with a current."""
 
 import math
 
@@ -15,7 +15,7 @@ ORIGIN = Place(0.6, 2.0)
 SETTINGS = TaskSettings(acceptance_radius_m=20.0, station_radius_m=100.0, look_ahead_s=60.0, turning_radius_m=15.6)
 
 
-class Float:
+class SimulatedBoat:
     """Heading, position and task of the boat; steps of one second."""
 
     def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0), leeway_rad=0.0):
@@ -29,8 +29,8 @@ class Float:
     @property
     def motion(self):
         place = ORIGIN.at_offset(self.north_m, self.east_m)
-        strong = math.hypot(*self.current) > self.speed_m_s
-        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong, self.leeway_rad)
+        is_too_strong = math.hypot(*self.current) > self.speed_m_s
+        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, is_too_strong, self.leeway_rad)
 
     def step(self, task, settings=SETTINGS, fence=None):
         motion = self.motion
@@ -40,8 +40,8 @@ class Float:
         if target.over_ground:
             steer_rad = heading_for_course(steer_rad, self.speed_m_s, *self.current) - self.leeway_rad
         error_rad = wrap_pi(steer_rad - self.heading_rad)
-        most_rad = 0.9 * self.speed_m_s / settings.turning_radius_m
-        change_rad = min(max(0.3 * error_rad, -most_rad), most_rad)
+        max_change_rad = 0.9 * self.speed_m_s / settings.turning_radius_m
+        change_rad = min(max(0.3 * error_rad, -max_change_rad), max_change_rad)
         self.heading_rad = (self.heading_rad + change_rad) % (2 * math.pi)
         self.turned_rad += abs(change_rad)
         way_rad = self.heading_rad + self.leeway_rad
@@ -56,7 +56,7 @@ class Float:
 
 @pytest.fixture
 def simulated_boat():
-    return Float
+    return SimulatedBoat
 
 
 @pytest.fixture

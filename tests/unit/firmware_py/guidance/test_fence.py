@@ -1,3 +1,5 @@
+"""Margin of a place to the fence."""
+
 import math
 
 import pytest
@@ -28,7 +30,7 @@ def fence(*items):
     return Plan.of(PlanKind.FENCE, items)
 
 
-def test_the_margin_in_a_square_is_the_nearest_edge():
+def test_margin_is_the_distance_of_the_nearest_edge():
     plan = fence(*square(5001, 500.0))
     assert margin_m(plan, CENTRE) == pytest.approx(500.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
@@ -36,31 +38,31 @@ def test_the_margin_in_a_square_is_the_nearest_edge():
     assert margin_m(plan, CENTRE.at_offset(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
 
 
-def test_a_circle_at_0_0_is_an_ordinary_place():
-    buoy = fence(*square(5001, 500.0), PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
-    assert margin_m(buoy, CENTRE) == pytest.approx(500.0, abs=0.5)
+def test_circle_at_0_0_is_valid():
+    both = fence(*square(5001, 500.0), PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
+    assert margin_m(both, CENTRE) == pytest.approx(500.0, abs=0.5)
     alone = fence(PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
     assert margin_m(alone, Place(0.0, 0.0)) == pytest.approx(-100.0)
 
 
 @pytest.mark.parametrize("first", range(4))
-def test_a_corner_at_0_0_is_an_ordinary_place(first):
+def test_vertex_at_0_0_is_valid(first):
     corners = [(0, 0), (10_000_000, 0), (10_000_000, 10_000_000), (0, 10_000_000)]
-    turned = corners[first:] + corners[:first]
-    plan = fence(*(PlanItem(5001, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in turned))
+    rotated = corners[first:] + corners[:first]
+    plan = fence(*(PlanItem(5001, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in rotated))
     half = math.radians(0.5)
     assert margin_m(plan, Place(half, half)) == pytest.approx(half * 6371008.8, rel=0.001)
     assert margin_m(plan, Place(half, -half)) == pytest.approx(-half * 6371008.8, rel=0.001)
 
 
-def test_exclusion_areas():
+def test_margin_of_exclusion_areas():
     plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
     assert margin_m(plan, CENTRE.at_offset(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
     assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
 
 
-def test_inclusion_groups():
+def test_margin_of_inclusion_groups():
     both = fence(corner(5003, 0.0, 0.0, 300.0), corner(5003, 0.0, 200.0, 300.0))
     assert margin_m(both, CENTRE.at_offset(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
     assert margin_m(both, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
@@ -68,20 +70,19 @@ def test_inclusion_groups():
     assert margin_m(either, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
 
 
-def test_no_fence_and_half_a_polygon_have_no_margin():
+def test_empty_fence_and_incomplete_polygon_have_no_margin():
     assert margin_m(fence(), CENTRE) == MAX_DISTANCE_M
     assert fence_of(fence(*square(5001, 500.0)[:2])) is None
 
 
-def test_the_margin_is_recomputed_after_movement_or_with_another_fence():
+def test_margin_is_recomputed_after_movement_or_with_another_fence():
     plan = fence(*square(5001, 500.0))
     state = update(FenceState(), plan, CENTRE)
     assert update(state, plan, CENTRE.at_offset(40.0, 0.0)) is state
     moved = update(state, plan, CENTRE.at_offset(60.0, 0.0))
     assert moved.margin_m == pytest.approx(440.0, abs=0.5)
-    assert update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(60.0, 0.0)).margin_m == pytest.approx(
-        340.0, abs=0.5
-    )
+    changed = update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(60.0, 0.0))
+    assert changed.margin_m == pytest.approx(340.0, abs=0.5)
 
 
 items = st.builds(
@@ -94,5 +95,5 @@ items = st.builds(
 
 
 @given(st.lists(items, max_size=12), st.floats(-1.57, 1.57), st.floats(-3.14, 3.14))
-def test_any_fence_has_a_finite_margin(found, latitude_rad, longitude_rad):
-    assert math.isfinite(margin_m(fence(*found), Place(latitude_rad, longitude_rad)))
+def test_margin_is_finite_for_any_fence(fence_items, latitude_rad, longitude_rad):
+    assert math.isfinite(margin_m(fence(*fence_items), Place(latitude_rad, longitude_rad)))

@@ -21,25 +21,25 @@ GUIDED = ModeState(Mode.GUIDED, armed=True, goal=PositionGoal(*placed(500.0, 0.0
 AUTO = ModeState(Mode.AUTO, armed=True)
 
 
-def looked_at(t_s, modes=GUIDED, plans=Plans(), *, new_fix=False, motion=MOTION):  # noqa: B008 - frozen
+def guidance_input(t_s, modes=GUIDED, plans=Plans(), *, new_fix=False, motion=MOTION):  # noqa: B008 - frozen
     return GuidanceInput(t_s, 0.0, motion, new_fix, modes, plans, None, None)
 
 
-def updated(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - frozen
+def run(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - frozen
     """Return the times of updates, and the final state."""
-    when_s = []
+    update_times_s = []
     for t_s in times_s:
-        state = guidance.update(SETTINGS, state, looked_at(t_s, new_fix=t_s in fixes, **inputs)).state
+        state = guidance.update(SETTINGS, state, guidance_input(t_s, new_fix=t_s in fixes, **inputs)).state
         if state.updated_s == t_s:
-            when_s.append(t_s)
-    return when_s, state
+            update_times_s.append(t_s)
+    return update_times_s, state
 
 
-def test_guidance_runs_twice_a_second_and_at_each_fix():
+def test_guidance_is_updated_twice_a_second_and_at_each_fix():
     ticks_s = [100.0 + tick / 16.0 for tick in range(33)]
-    assert updated(ticks_s)[0] == [100.0, 100.0 + UPDATE_INTERVAL_S, 101.0, 101.5, 102.0]
+    assert run(ticks_s)[0] == [100.0, 100.0 + UPDATE_INTERVAL_S, 101.0, 101.5, 102.0]
     assert UPDATE_INTERVAL_S == 0.5
-    assert updated(ticks_s, fixes=(100.25, 101.0625))[0] == [100.0, 100.25, 100.75, 101.0625, 101.5625]
+    assert run(ticks_s, fixes=(100.25, 101.0625))[0] == [100.0, 100.25, 100.75, 101.0625, 101.5625]
 
 
 @pytest.mark.parametrize(
@@ -50,47 +50,47 @@ def test_guidance_runs_twice_a_second_and_at_each_fix():
         {"plans": mission(item(WAYPOINT, 100.0, 0.0))},
     ],
 )
-def test_guidance_runs_at_once_on_a_change_of_mode_arming_or_mission(change):
-    _, state = updated([100.0])
-    assert updated([100.125], state)[0] == []
-    assert updated([100.125], state, **change)[0] == [100.125]
+def test_guidance_is_updated_after_a_change_of_mode_arming_or_mission(change):
+    _, state = run([100.0])
+    assert run([100.125], state)[0] == []
+    assert run([100.125], state, **change)[0] == [100.125]
 
 
-def test_the_state_is_unchanged_between_updates():
-    _, state = updated([100.0])
-    assert guidance.update(SETTINGS, state, looked_at(100.25)).state is state
+def test_state_is_unchanged_between_updates():
+    _, state = run([100.0])
+    assert guidance.update(SETTINGS, state, guidance_input(100.25)).state is state
 
 
 @pytest.mark.parametrize(("pause_s", "counted_s"), [(0.75, 0.75), (3600.0, MAX_STEP_S), (-50.0, 0.0)])
-def test_a_delay_counts_limited_steps(pause_s, counted_s):
+def test_time_step_of_a_delay_is_limited(pause_s, counted_s):
     inputs = {"modes": AUTO, "plans": mission(item(DELAY, None, None, 1000.0), item(WAYPOINT, 100.0, 0.0))}
-    _, state = updated([100.0, 100.5], **inputs)
-    before_s = state.mission.elapsed_s
-    _, state = updated([100.5 + pause_s], state, fixes=(100.5 + pause_s,), **inputs)
-    assert state.mission.elapsed_s == pytest.approx(before_s + counted_s)
+    _, state = run([100.0, 100.5], **inputs)
+    former_s = state.mission.elapsed_s
+    _, state = run([100.5 + pause_s], state, fixes=(100.5 + pause_s,), **inputs)
+    assert state.mission.elapsed_s == pytest.approx(former_s + counted_s)
 
 
-def test_a_mission_starts_with_arming():
+def test_mission_starts_with_arming():
     inputs = {"plans": mission(item(WAYPOINT, 100.0, 0.0))}
-    _, state = updated([100.0, 101.0], modes=replace(AUTO, armed=False), **inputs)
+    _, state = run([100.0, 101.0], modes=replace(AUTO, armed=False), **inputs)
     assert not state.mission.started
-    _, state = updated([102.0], state, modes=AUTO, **inputs)
+    _, state = run([102.0], state, modes=AUTO, **inputs)
     assert (state.mission.started, state.mission.begun) == (True, True)
 
 
-def test_a_new_mission_restarts_in_auto():
+def test_new_mission_starts_in_auto():
     first, other = mission(item(WAYPOINT, 100.0, 0.0)), mission(item(WAYPOINT, 200.0, 0.0), item(WAYPOINT, 0.0, 0.0))
-    for modes, sails in ((AUTO, True), (GUIDED, False)):
-        _, state = updated([100.0, 101.0], modes=modes, plans=first)
-        _, state = updated([102.0], state, modes=modes, plans=other)
-        assert (state.mission.identity, state.mission.started) == (other.mission.identity, sails)
+    for modes, is_started in ((AUTO, True), (GUIDED, False)):
+        _, state = run([100.0, 101.0], modes=modes, plans=first)
+        _, state = run([102.0], state, modes=modes, plans=other)
+        assert (state.mission.identity, state.mission.started) == (other.mission.identity, is_started)
 
 
-def test_the_margin_needs_an_enabled_fence_and_a_position():
-    _, state = updated([100.0], plans=FENCE)
+def test_fence_margin_needs_an_enabled_fence_and_a_position():
+    _, state = run([100.0], plans=FENCE)
     assert guidance.fence_margin_m(state, FENCE, enabled=True) == pytest.approx(100.0 * 2.0**0.5 - 30.0, abs=0.5)
     assert guidance.fence_margin_m(state, FENCE, enabled=False) is None
     assert guidance.fence_margin_m(state, Plans(), enabled=True) is None
     assert guidance.fence_margin_m(GuidanceState(), FENCE, enabled=True) is None
-    _, unplaced = updated([100.0], plans=FENCE, motion=None)
-    assert guidance.fence_margin_m(unplaced, FENCE, enabled=True) is None
+    _, without_position = run([100.0], plans=FENCE, motion=None)
+    assert guidance.fence_margin_m(without_position, FENCE, enabled=True) is None

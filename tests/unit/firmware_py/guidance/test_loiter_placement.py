@@ -1,4 +1,4 @@
-"""Placement of a loiter circle within a fence, and its events."""
+"""Placement of a loiter circle inside a fence, and its events."""
 
 import math
 
@@ -17,9 +17,9 @@ from firmware_py.plans import fence
 
 INCLUDED, EXCLUDED_CIRCLE = 5001, 5004
 ORIGIN = Place(0.6, 2.0)
-SWING_M = 3.5 * 15.6
-HELD = "below 78 m the boat may drift out"
-NO_ROOM = "Fence too close to the loiter circle: breach possible"
+OVERSHOOT_M = 3.5 * 15.6
+TOO_SMALL = "below 78 m the boat may drift out"
+TOO_CLOSE = "Fence too close to the loiter circle: breach possible"
 
 
 def item(command, north_m, east_m, param):
@@ -43,89 +43,82 @@ def at(north_m, east_m, radius_m=100.0):
 SQUARE = polygon((-500, -500), (500, -500), (500, 500), (-500, 500))
 REEF = item(EXCLUDED_CIRCLE, 0, 0, 20)
 STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
-# The bight of a horseshoe: across the tongue of land there is water, too.
+# The water has the form of a horseshoe: there is also water on the other side of the land.
 HORSESHOE = polygon((-400, -400), (400, -400), (400, 400), (5, 400), (5, -200), (-5, -200), (-5, 400), (-400, 400))
 
 
-def placed(settings, task, items):
+def place_circle(settings, task, items):
     """Return the final placement."""
-    place = None
+    placement = None
     for _ in range(60):
-        place = loiter_placement.update(settings, place, task, plan(*items))
-        if place.is_final:
-            return place
+        placement = loiter_placement.update(settings, placement, task, plan(*items))
+        if placement.is_final:
+            return placement
     raise AssertionError("the search does not end")
 
 
-def moved_m(place):
-    return math.hypot(*place.task.centre.offset_m(place.circle.centre))
+def moved_m(placement):
+    return math.hypot(*placement.task.centre.offset_m(placement.circle.centre))
 
 
 @pytest.mark.parametrize(
-    ("items", "task", "lacking_m"),
+    ("items", "task", "missing_m"),
     [
         (SQUARE, at(0, 0), 0.0),
         (SQUARE, at(0, 340), 0.0),
         (SQUARE, at(0, 400), 55.0),
         (SQUARE, at(20, 500), 155.0),
-        (SQUARE, at(20, 560), 215.0),  # blown out of the fence: back into it
-        (SQUARE, at(0, 450, 20.0), 25.0),  # a circle that is too small to be held
+        (SQUARE, at(20, 560), 215.0),  # outside the fence
+        (SQUARE, at(0, 450, 20.0), 25.0),  # smaller than the minimum radius
         (polygon((-500, 0), (0, -500), (500, 0), (0, 500)), at(200, 200), 84.0),
         ((*SQUARE, REEF), at(0, 60), 115.0),
     ],
 )
-def test_a_circle_is_moved_inward_by_the_missing_margin(tight, items, task, lacking_m):
-    place = placed(tight, task, items)
-    assert place.circle.radius_m == task.radius_m
-    assert fence.margin_m(plan(*items), place.circle.centre) >= task.radius_m + SWING_M
-    assert lacking_m <= moved_m(place) + 1.0 <= 1.03 * lacking_m + 2.0
+def test_circle_is_moved_inward_by_the_missing_margin(tight, items, task, missing_m):
+    placement = place_circle(tight, task, items)
+    assert placement.circle.radius_m == task.radius_m
+    assert fence.margin_m(plan(*items), placement.circle.centre) >= task.radius_m + OVERSHOOT_M
+    assert missing_m <= moved_m(placement) + 1.0 <= 1.03 * missing_m + 2.0
 
 
-def test_a_circle_in_a_corner_is_moved_out_of_it(tight):
-    place = placed(tight, at(450, 450), SQUARE)
-    assert place.margin_m >= 100.0 + SWING_M
-    assert moved_m(place) <= 160.0
+def test_circle_in_a_corner_is_moved_out_of_it(tight):
+    placement = place_circle(tight, at(450, 450), SQUARE)
+    assert placement.margin_m >= 100.0 + OVERSHOOT_M
+    assert moved_m(placement) <= 160.0
 
 
 @pytest.mark.parametrize(
     ("items", "task", "radius_m"),
-    [
-        (STRAIT, at(0, 0), 78.0),
-        (STRAIT, at(0, 0, 30.0), 30.0),
-        (SQUARE, at(0, 0, 1000.0), 500.0 - SWING_M),
-    ],
+    [(STRAIT, at(0, 0), 78.0), (STRAIT, at(0, 0, 30.0), 30.0), (SQUARE, at(0, 0, 1000.0), 500.0 - OVERSHOOT_M)],
 )
-def test_without_room_the_circle_shrinks_to_the_minimum_radius(tight, items, task, radius_m):
-    place = placed(tight, task, items)
-    assert place.circle.radius_m == pytest.approx(radius_m, abs=0.5)
-    assert moved_m(place) < 1.0
+def test_circle_without_room_shrinks_to_the_minimum_radius(tight, items, task, radius_m):
+    placement = place_circle(tight, task, items)
+    assert placement.circle.radius_m == pytest.approx(radius_m, abs=0.5)
+    assert moved_m(placement) < 1.0
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
-def test_a_circle_is_not_moved_across_land(tight, north_m, east_m):
-    place = placed(tight, at(north_m, east_m, 60.0), HORSESHOE)
-    assert place.margin_m > 60.0 + SWING_M
-    assert at(0, 0).centre.offset_m(place.circle.centre)[1] > 5.0
+def test_circle_is_not_moved_across_land(tight, north_m, east_m):
+    placement = place_circle(tight, at(north_m, east_m, 60.0), HORSESHOE)
+    assert placement.margin_m > 60.0 + OVERSHOOT_M
+    assert at(0, 0).centre.offset_m(placement.circle.centre)[1] > 5.0
 
 
-def test_a_circle_far_outside_or_without_a_fence_is_not_moved(tight):
-    assert placed(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
+def test_circle_far_outside_or_without_a_fence_is_not_moved(tight):
+    assert place_circle(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
     assert loiter_placement.update(tight, None, at(0, 480), None) is None
     assert loiter_placement.update(tight, None, at(0, 480), plan()) is None
 
 
-def test_another_task_or_fence_restarts_the_search(tight):
-    place = placed(tight, at(0, 480), SQUARE)
-    assert loiter_placement.update(tight, place, at(0, 480), plan(*SQUARE)) is place
-    assert loiter_placement.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
-    assert loiter_placement.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
+def test_new_task_or_fence_restarts_the_search(tight):
+    placement = place_circle(tight, at(0, 480), SQUARE)
+    assert loiter_placement.update(tight, placement, at(0, 480), plan(*SQUARE)) is placement
+    assert loiter_placement.update(tight, placement, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
+    assert loiter_placement.update(tight, placement, at(0, 480), plan(REEF)).circle == at(0, 480)
 
 
-@pytest.mark.parametrize(
-    ("radius_m", "current"),
-    [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))],
-)
-def test_station_keeping_near_a_fence_stays_inside(simulated_boat, radius_m, current):
+@pytest.mark.parametrize(("radius_m", "current"), [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))])
+def test_boat_near_a_fence_stays_inside(simulated_boat, radius_m, current):
     margins_m = {}
     for plan_or_none in (None, plan(*SQUARE)):
         boat = simulated_boat(east_m=460.0, heading_rad=math.pi, current=current)
@@ -136,44 +129,44 @@ def test_station_keeping_near_a_fence_stays_inside(simulated_boat, radius_m, cur
     assert margins_m[None] < 0.0 < margins_m[plan(*SQUARE)]
 
 
-def texts(settings, before, after):
-    return [(event.severity, event.text) for event in circle_events(settings, before, after)]
+def texts(settings, previous, present):
+    return [(event.severity, event.text) for event in circle_events(settings, previous, present)]
 
 
-def keeping(task, place=None, activity=Activity.STATION):
-    circle = task if place is None else place.circle
+def station_state(task, placement=None, activity=Activity.STATION):
+    circle = task if placement is None else placement.circle
     status = TaskStatus(activity=activity, target=circle.centre, radius_m=circle.radius_m)
-    return GuidanceState(task=task, follower=TaskFollowerState(loiter_placement=place), status=status)
+    return GuidanceState(task=task, follower=TaskFollowerState(loiter_placement=placement), status=status)
 
 
-def test_a_circle_too_small_is_reported_once(tight):
-    small = keeping(at(0, 0, 20.0))
-    assert texts(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {HELD}")]
+def test_too_small_circle_is_reported_once(tight):
+    small = station_state(at(0, 0, 20.0))
+    assert texts(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {TOO_SMALL}")]
     assert texts(tight, small, small) == []
-    assert texts(tight, GuidanceState(), keeping(at(0, 0, 78.0))) == []
-    assert texts(tight, GuidanceState(), keeping(at(0, 0, 20.0), activity=Activity.LINE)) == []
+    assert texts(tight, GuidanceState(), station_state(at(0, 0, 78.0))) == []
+    assert texts(tight, GuidanceState(), station_state(at(0, 0, 20.0), activity=Activity.LINE)) == []
 
 
-def test_a_moved_circle_is_reported_once(tight):
-    near = keeping(at(0, 400))
-    moved = keeping(at(0, 400), placed(tight, at(0, 400), SQUARE))
+def test_moved_circle_is_reported_once(tight):
+    near = station_state(at(0, 400))
+    moved = station_state(at(0, 400), place_circle(tight, at(0, 400), SQUARE))
     text = "Fence near: loiter radius 100 m, moved 56 m inward"
     assert texts(tight, near, moved) == [(Severity.NOTICE, text)]
     assert texts(tight, moved, moved) == []
-    middle = keeping(at(0, 0), placed(tight, at(0, 0), SQUARE))
+    middle = station_state(at(0, 0), place_circle(tight, at(0, 0), SQUARE))
     assert texts(tight, GuidanceState(), middle) == []
 
 
-def test_a_fence_without_room_is_reported(tight):
-    shrunk = keeping(at(0, 0), placed(tight, at(0, 0), STRAIT))
+def test_fence_too_close_is_reported(tight):
+    shrunk = station_state(at(0, 0), place_circle(tight, at(0, 0), STRAIT))
     text = "Fence near: loiter radius 78 m, moved 0 m inward"
-    assert texts(tight, keeping(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, NO_ROOM)]
+    assert texts(tight, station_state(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, TOO_CLOSE)]
 
 
-def test_an_orbit_too_tight_is_reported_once(tight):
+def test_too_small_orbit_is_reported_once(tight):
     task = Orbit(at(0, 0).centre, 10.0, clockwise=True)
     status = TaskStatus(activity=Activity.CIRCLE, target=task.centre, radius_m=23.4)
-    round_it = GuidanceState(task=task, status=status)
+    circling = GuidanceState(task=task, status=status)
     text = "Circle radius 10 m too small: circling at 23 m"
-    assert texts(tight, GuidanceState(), round_it) == [(Severity.NOTICE, text)]
-    assert texts(tight, round_it, round_it) == []
+    assert texts(tight, GuidanceState(), circling) == [(Severity.NOTICE, text)]
+    assert texts(tight, circling, circling) == []

@@ -1,4 +1,4 @@
-"""Execution of missions: the task of each item, and when it is done."""
+"""Execution of missions: the task of each item, and its end."""
 
 import math
 
@@ -36,29 +36,29 @@ def go_to(place, start=None, acceptance_m=20.0, station_m=100.0):
 
 
 class MissionRunner:
-    """Executes a list of steps; the caller decides when the boat has arrived."""
+    """Executes a list of steps; the test decides when the boat has arrived."""
 
     def __init__(self, *steps, place=HERE, heading_rad=0.0):
         self.steps = steps
         self.progress = mission_progress.enter(MissionProgress(identity=1))
         self.motion = VesselMotion(place, heading_rad, 0.4, 0.0, 0.0)
-        self.back = GoTo(HERE, None, 20.0, 100.0)
+        self.return_task = GoTo(HERE, None, 20.0, 100.0)
         self.utc_s = None
         self.reached = []
         self.home = None
         self.fence = None
 
-    def step(self, *, arrived=False, turned_rad=0.0, step_s=1.0, position=True, spread_m=0.0):
+    def step(self, *, arrived=False, turned_rad=0.0, step_s=1.0, has_position=True, spread_m=0.0):
         follower = TaskFollowerState(self.progress.task, arrived, orbit=OrbitState(0.0, turned_rad))
         mission_input = MissionInput(
             SETTINGS,
             self.steps,
             self.motion.heading_rad,
-            self.motion.place if position else None,
+            self.motion.place if has_position else None,
             follower,
             step_s,
             self.utc_s,
-            lambda _chosen: self.back,
+            lambda _present: self.return_task,
             spread_m,
         )
         output = mission.update(self.progress, mission_input)
@@ -76,7 +76,7 @@ class MissionRunner:
         return mission_progress.state_of(self.progress, count, running=True)
 
 
-def test_waypoints_are_joined_by_lines_and_the_last_one_is_held():
+def test_boat_follows_lines_between_waypoints_and_keeps_station_at_the_last():
     runner = MissionRunner(waypoint(A), waypoint(B, radius_m=5.0))
     assert [runner.step(), runner.step()] == [go_to(A)] * 2
     assert [runner.step(arrived=True) for _ in range(2)] == [go_to(B, A, 5.0)] * 2
@@ -85,7 +85,7 @@ def test_waypoints_are_joined_by_lines_and_the_last_one_is_held():
     assert runner.state() is MissionState.COMPLETE
 
 
-def test_an_arrival_at_one_item_does_not_count_for_the_next():
+def test_arrival_at_one_item_does_not_end_the_next():
     runner = MissionRunner(waypoint(A), waypoint(B), waypoint(C))
     runner.step()
     runner.step(arrived=True)
@@ -93,12 +93,12 @@ def test_an_arrival_at_one_item_does_not_count_for_the_next():
 
 
 @pytest.mark.parametrize(
-    "waiting", [{}, {"arrived": True, "position": False}, {"arrived": True, "spread_m": 101.0}], ids=str
+    "state", [{}, {"arrived": True, "has_position": False}, {"arrived": True, "spread_m": 101.0}], ids=str
 )
-def test_the_hold_time_counts_only_after_a_certain_arrival(waiting):
+def test_hold_time_starts_at_a_certain_arrival(state):
     runner = MissionRunner(waypoint(A, seconds=10.0), waypoint(B))
     runner.step()
-    assert runner.steps_with(50, **waiting).place == A
+    assert runner.steps_with(50, **state).place == A
     assert runner.progress.elapsed_s == 0.0
     assert runner.steps_with(9, arrived=True, spread_m=99.0).place == A
     assert runner.step(arrived=True).place == B
@@ -108,7 +108,7 @@ def test_items_after_a_distance_condition_are_executed_on_the_way():
     near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=120.0)
     runner = MissionRunner(waypoint(C), near, MissionStep(Command.FENCE_ENABLE, enabled=True), waypoint(A))
     runner.step()
-    assert runner.step(arrived=True) == go_to(A, C)  # the line of the waypoint A itself
+    assert runner.step(arrived=True) == go_to(A, C)  # the same line as the waypoint A
     assert (runner.progress.index, runner.fence) == (1, None)
     runner.motion = replace(runner.motion, place=A.at_offset(0.0, 119.0))
     assert runner.step() == go_to(A, C)
@@ -116,14 +116,14 @@ def test_items_after_a_distance_condition_are_executed_on_the_way():
 
 
 @pytest.mark.parametrize(("spread_m", "index"), [(121.0, 0), (119.0, 1)])
-def test_a_distance_counts_only_if_the_position_error_is_smaller(spread_m, index):
+def test_distance_condition_needs_a_smaller_position_error(spread_m, index):
     near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=120.0)
     runner = MissionRunner(near, waypoint(A), place=A.at_offset(0.0, 100.0))
     runner.step(spread_m=spread_m)
     assert runner.progress.index == index
 
 
-def test_a_distance_condition_ends_with_the_arrival_and_a_delay_follows_there():
+def test_distance_condition_ends_at_the_arrival():
     near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=1.0)
     runner = MissionRunner(near, MissionStep(Command.CONDITION_DELAY, seconds=3.0), waypoint(A))
     runner.step()
@@ -133,7 +133,7 @@ def test_a_distance_condition_ends_with_the_arrival_and_a_delay_follows_there():
     assert runner.progress.index == 2
 
 
-def test_loiter_items():
+def test_tasks_of_loiter_items():
     turns = MissionStep(Command.LOITER_TURNS, B, None, turns=2.0, clockwise=False)
     loiter_time = MissionStep(Command.LOITER_TIME, A, 40.0, 5.0)
     runner = MissionRunner(loiter_time, turns, turns, MissionStep(Command.LOITER_UNLIMITED, C), waypoint(A))
@@ -143,22 +143,22 @@ def test_loiter_items():
     assert first == replace(Orbit(B, 100.0, clockwise=False), number=first.number)
     assert runner.step(arrived=True, turned_rad=12.5) == first
     second = runner.step(arrived=True, turned_rad=4 * math.pi + 0.01)
-    assert second != first  # a task of its own, whose turns count from 0
+    assert second != first  # a new task, whose turns start at 0
     assert runner.step(arrived=True, turned_rad=13.0) == go_to(C, B)
     assert runner.steps_with(100, arrived=True, step_s=1e6).place == C
 
 
-def test_return_and_the_item_after_it():
+def test_return_goes_to_the_destination_or_keeps_station():
     runner = MissionRunner(MissionStep(Command.RETURN), waypoint(A))
-    assert runner.step() == runner.back
+    assert runner.step() == runner.return_task
     assert runner.step(arrived=True) == go_to(A, HERE)
     without_home = MissionRunner(MissionStep(Command.RETURN))
-    without_home.back = None
+    without_home.return_task = None
     assert without_home.step() == HoldStation(HERE, 100.0)
 
 
 @pytest.mark.parametrize("kind", [Command.YAW, Command.YAW_SPEED])
-def test_a_heading_is_reached_and_held_during_a_delay(kind):
+def test_heading_is_kept_during_a_following_delay(kind):
     delay = MissionStep(Command.DELAY, seconds=30.0)
     runner = MissionRunner(MissionStep(kind, angle_rad=1.0, relative=True), delay, waypoint(A))
     runner.motion = replace(runner.motion, heading_rad=6.0)
@@ -166,10 +166,10 @@ def test_a_heading_is_reached_and_held_during_a_delay(kind):
     runner.motion = replace(runner.motion, heading_rad=0.75)
     assert isinstance(runner.steps_with(29), HoldHeading)
     assert runner.progress.index == 1
-    assert runner.steps_with(2) == go_to(A)  # no line, because a heading leads to no place
+    assert runner.steps_with(2) == go_to(A)  # a heading has no place: no line
 
 
-def test_a_heading_that_is_not_reached_ends_after_ten_minutes():
+def test_heading_item_ends_after_ten_minutes():
     runner = MissionRunner(MissionStep(Command.YAW, angle_rad=1.0), waypoint(A))
     runner.steps_with(599)
     assert runner.progress.index == 0
@@ -178,8 +178,8 @@ def test_a_heading_that_is_not_reached_ends_after_ten_minutes():
 
 
 @pytest.mark.parametrize("set_back_s", [0.0, 86400.0 * 7000])
-def test_a_delay_until_a_time_of_day(set_back_s):
-    """The time is computed again if the clock is set back."""
+def test_delay_ends_at_a_time_of_day(set_back_s):
+    """The end is recomputed if the clock is set back."""
     runner = MissionRunner(waypoint(A), MissionStep(Command.DELAY, time_of_day_s=100.0), waypoint(B))
     runner.utc_s = 86400.0 * 20000 + 90.0
     runner.step()
@@ -193,13 +193,13 @@ def test_a_delay_until_a_time_of_day(set_back_s):
     assert runner.step(arrived=True) == go_to(B, A)
 
 
-def test_jumps_are_counted():
+def test_limited_jump_is_executed_twice():
     runner = MissionRunner(waypoint(A), waypoint(B), jump(0, 2), waypoint(C))
     places = [runner.step().place, *(runner.step(arrived=True).place for _ in range(6))]
     assert places == [A, B, A, B, A, B, C]
 
 
-def test_an_unlimited_jump_does_not_end_the_mission():
+def test_unlimited_jump_does_not_end_the_mission():
     runner = MissionRunner(waypoint(A), waypoint(B), jump(0, -1))
     for _ in range(100):
         runner.step(arrived=True)
@@ -208,7 +208,7 @@ def test_an_unlimited_jump_does_not_end_the_mission():
 
 
 @pytest.mark.parametrize("steps", [(), (MissionStep(Command.CHANGE_SPEED), jump(0, -1))], ids=["empty", "endless"])
-def test_an_unusable_mission_keeps_station(steps):
+def test_boat_keeps_station_in_an_unusable_mission(steps):
     runner = MissionRunner(*steps)
     assert runner.steps_with(20) == HoldStation(HERE, 100.0)
     assert runner.progress.unusable
@@ -228,18 +228,18 @@ def test_limited_jumps_over_items_without_duration_end():
     assert runner.reached.count(1) == 301 + 1
 
 
-def test_home_is_set_to_a_place_or_to_the_position_with_a_fix():
+def test_home_is_set_to_a_place_or_to_a_position_with_a_fix():
     runner = MissionRunner(MissionStep(Command.SET_HOME, B), MissionStep(Command.CHANGE_SPEED), waypoint(A))
     assert runner.step().place == A
     assert (runner.home, runner.reached) == (B, [0, 1])
-    here = MissionRunner(MissionStep(Command.SET_HOME), MissionStep(None), waypoint(A))
-    here.step(spread_m=1.0)
-    assert (here.home, here.progress.index) == (None, 0)
-    here.step()
-    assert (here.home, here.progress.index) == (HERE, 2)
+    at_position = MissionRunner(MissionStep(Command.SET_HOME), MissionStep(None), waypoint(A))
+    at_position.step(spread_m=1.0)
+    assert (at_position.home, at_position.progress.index) == (None, 0)
+    at_position.step()
+    assert (at_position.home, at_position.progress.index) == (HERE, 2)
 
 
-def test_an_item_without_autocontinue_pauses_the_mission():
+def test_item_without_autocontinue_pauses_the_mission():
     runner = MissionRunner(waypoint(A, autocontinue=False), waypoint(B))
     assert runner.steps_with(20, arrived=True).place == A
     assert (runner.reached, runner.state()) == ([0], MissionState.PAUSED)
@@ -252,7 +252,7 @@ def test_an_item_without_autocontinue_pauses_the_mission():
     assert mission_progress.resume_mission(runner.progress, runner.steps) is runner.progress
 
 
-def test_a_pause_keeps_station_where_it_begins():
+def test_boat_keeps_station_at_the_place_of_the_pause():
     runner = MissionRunner(waypoint(A), waypoint(B))
     task = runner.step()
     runner.progress = mission_progress.pause(runner.progress)
@@ -265,7 +265,7 @@ def test_a_pause_keeps_station_where_it_begins():
     assert runner.step() == task
 
 
-def test_a_commanded_item_has_no_line_and_a_restart_resets_jumps():
+def test_commanded_item_has_no_line_and_a_restart_resets_jumps():
     runner = MissionRunner(waypoint(A), jump(0, 1), waypoint(B))
     runner.step()
     runner.step(arrived=True)
@@ -276,7 +276,7 @@ def test_a_commanded_item_has_no_line_and_a_restart_resets_jumps():
     assert mission_progress.at_item(runner.progress, 0, restart=True).jumps == ()
 
 
-def test_entering_auto_continues_the_item_and_restarts_a_complete_mission():
+def test_change_to_auto_continues_the_item_and_restarts_a_complete_mission():
     runner = MissionRunner(waypoint(A), waypoint(B))
     runner.step()
     runner.step(arrived=True)
@@ -288,7 +288,7 @@ def test_entering_auto_continues_the_item_and_restarts_a_complete_mission():
     assert runner.step() == go_to(A)
 
 
-def test_a_new_mission_begins_at_its_first_item():
+def test_new_mission_begins_at_its_first_item():
     progress = MissionProgress(identity=1, index=5, jumps=((1, 1),), started=True)
     assert mission_progress.for_plan(progress, 1) is progress
     assert mission_progress.for_plan(progress, 2) == MissionProgress(identity=2)
@@ -299,11 +299,11 @@ def test_a_new_mission_begins_at_its_first_item():
 def test_headings_and_delays_need_no_position():
     turn = MissionStep(Command.YAW, angle_rad=1.0)
     runner = MissionRunner(turn, MissionStep(Command.DELAY, seconds=30.0), jump(0, 1), waypoint(A))
-    assert runner.step(position=False) == HoldHeading(1.0)
+    assert runner.step(has_position=False) == HoldHeading(1.0)
     runner.motion = replace(runner.motion, heading_rad=1.0)
-    runner.steps_with(62, position=False)
+    runner.steps_with(62, has_position=False)
     assert runner.reached == [0, 1, 2, 0, 1, 2]
-    assert runner.step(position=False) == go_to(A)  # its own place is known
+    assert runner.step(has_position=False) == go_to(A)  # the place of the item is known
 
 
 @pytest.mark.parametrize(
@@ -316,17 +316,17 @@ def test_headings_and_delays_need_no_position():
         MissionStep(Command.SET_HOME),
     ],
 )
-def test_items_at_the_present_position_wait_for_one(step):
+def test_item_at_the_present_position_waits_for_a_position(step):
     runner = MissionRunner(step, waypoint(A))
-    assert runner.step(position=False) is None
+    assert runner.step(has_position=False) is None
     assert (runner.progress.index, runner.progress.begun, runner.progress.complete) == (0, False, False)
     assert runner.step() is not None
     assert runner.progress.begun
 
 
-def test_a_mission_of_headings_ends_when_the_position_is_known():
+def test_mission_of_headings_ends_when_the_position_is_known():
     runner = MissionRunner(MissionStep(Command.YAW, angle_rad=0.0))
-    assert runner.steps_with(5, position=False) == HoldHeading(0.0)
+    assert runner.steps_with(5, has_position=False) == HoldHeading(0.0)
     assert not runner.progress.complete
     assert runner.step() == HoldStation(HERE, 100.0)
     assert runner.progress.complete
@@ -350,7 +350,7 @@ steps = st.builds(
 
 
 @given(st.lists(steps, max_size=6), st.lists(st.booleans(), max_size=60))
-def test_any_mission_has_a_task_and_a_valid_index(mission_steps, arrivals):
+def test_task_and_index_are_valid_for_any_mission(mission_steps, arrivals):
     runner = MissionRunner(*mission_steps)
     for arrived in arrivals:
         assert runner.step(arrived=arrived, turned_rad=30.0) is not None

@@ -1,3 +1,5 @@
+"""Circling a place with a simulated boat."""
+
 import math
 
 import pytest
@@ -8,21 +10,21 @@ from firmware_py.guidance.tasks import Orbit
 
 @pytest.mark.parametrize("clockwise", [True, False])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2)])
-def test_the_boat_circles_and_turns_are_counted(simulated_boat, origin, clockwise, current):
+def test_boat_follows_the_circle_and_counts_turns(simulated_boat, origin, clockwise, current):
     boat = simulated_boat(300.0, 0.0, 3.0, current=current)
     task = Orbit(origin, 60.0, clockwise)
-    off = []
+    errors_m = []
     while boat.follower.orbit.turned_rad < 4 * math.pi:
         boat.step(task)
         assert boat.t_s < 9000.0
         if boat.follower.orbit.turned_rad > math.pi:
-            off.append(abs(boat.distance_m() - 60.0))
-    assert max(off) < 15.0
+            errors_m.append(abs(boat.distance_m() - 60.0))
+    assert max(errors_m) < 15.0
     assert boat.status.activity is Activity.CIRCLE
     assert boat.follower.arrived
 
 
-def test_a_circle_below_the_minimum_radius_is_enlarged(simulated_boat, origin):
+def test_circle_below_the_minimum_radius_is_enlarged(simulated_boat, origin):
     boat = simulated_boat()
     for _ in range(600):
         boat.step(Orbit(origin, 5.0, clockwise=True))

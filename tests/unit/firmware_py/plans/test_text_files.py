@@ -1,4 +1,4 @@
-"""What other ground stations write is read, what is broken is refused with its line."""
+"""Text files of plans: reading, and refusals with the line."""
 
 import math
 
@@ -16,7 +16,7 @@ def wpl(*lines):
     return WPL + "".join(f"{index}\t0\t{line}\t1\n" for index, line in enumerate(lines, start=1))
 
 
-def test_waypoints():
+def test_waypoints_are_read_with_and_without_home():
     plan = read_text(wpl("3\t16\t0\t5.5\t0\tnan\t36.1234567\t121.1\t0", "2\t177\t1\t-1\t0\t0\t0\t0\t0"), "a.waypoints")
     assert repr(plan.items) == repr(
         (
@@ -51,7 +51,7 @@ def test_waypoints():
         ("1 2\n1 2 3\n", "a:2: expected LATITUDE LONGITUDE"),
     ],
 )
-def test_broken_text_files_are_refused(text, error):
-    with pytest.raises(PlanFileError) as refused:
+def test_invalid_text_file_is_refused_with_its_line(text, error):
+    with pytest.raises(PlanFileError) as refusal:
         read_text(text, "a")
-    assert str(refused.value).startswith(error)
+    assert str(refusal.value).startswith(error)

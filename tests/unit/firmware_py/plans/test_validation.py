@@ -1,4 +1,4 @@
-"""What a plan may hold, row by row, and what it may not."""
+"""Validation of plans: items, jumps, tags and limits."""
 
 import math
 
@@ -12,7 +12,7 @@ from firmware_py.plans.validation import PlanResult, problem_of
 
 NAN, INF = math.nan, math.inf
 MISSION, FENCE, RALLY = PlanKind
-HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
+WAYPOINT = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
 RETURN = PlanItem(20, 2)
 
 
@@ -29,12 +29,12 @@ def jump(target, times=1.0):
     return item(177, target, times, frame=2)
 
 
-def test_the_numbers_of_the_commands_are_those_of_mavlink():
+def test_commands_have_the_numbers_of_mavlink():
     mavlink = pytest.importorskip("pymavlink.dialects.v20.common")
     assert {row.command: getattr(mavlink, f"MAV_CMD_{row.name}") for row in TABLE} == {n: n for n in ROWS}
 
 
-GOOD = [
+VALID = [
     (MISSION, item(16, 0.0, NAN, NAN, NAN, z=NAN)),
     (MISSION, item(16, 1e8, 5.0, x=0, y=0)),
     (MISSION, item(17, NAN, NAN, -50.0, NAN)),
@@ -59,12 +59,12 @@ GOOD = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "one"), GOOD)
-def test_good_items(kind, one):
-    assert problem(kind, one) is None
+@pytest.mark.parametrize(("kind", "plan_item"), VALID)
+def test_valid_item_is_accepted(kind, plan_item):
+    assert problem(kind, plan_item) is None
 
 
-BAD = [
+INVALID = [
     (MISSION, item(21), PlanResult.UNSUPPORTED),
     (MISSION, item(113, frame=2), PlanResult.UNSUPPORTED),
     (MISSION, item(112, NAN, frame=2), PlanResult.INVALID_PARAM1),
@@ -115,9 +115,9 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "one", "result"), BAD)
-def test_bad_items(kind, one, result):
-    assert problem(kind, one) == (0, result)
+@pytest.mark.parametrize(("kind", "plan_item", "result"), INVALID)
+def test_invalid_item_is_refused(kind, plan_item, result):
+    assert problem(kind, plan_item) == (0, result)
 
 
 singles = st.floats(width=32)
@@ -136,63 +136,63 @@ ints = st.integers(-(2**31), 2**31 - 1)
         z=singles,
     ),
 )
-def test_accepted_items_are_finite_and_in_range(kind, one):
-    found = problem_of(Plan.of(kind, (one,)))
-    assert found is None or (found.result is not PlanResult.ACCEPTED and found.text)
-    if found is None:
-        row = ROWS[one.command]
+def test_accepted_item_is_finite_and_in_range(kind, plan_item):
+    refusal = problem_of(Plan.of(kind, (plan_item,)))
+    assert refusal is None or (refusal.result is not PlanResult.ACCEPTED and refusal.text)
+    if refusal is None:
+        row = ROWS[plan_item.command]
         assert row.kind is kind
-        assert not any(map(math.isinf, (*one.params, one.z)))
-        assert one.frame in PLACE_FRAMES or (one.frame == 2 and not row.place)
+        assert not any(map(math.isinf, (*plan_item.params, plan_item.z)))
+        assert plan_item.frame in PLACE_FRAMES or (plan_item.frame == 2 and not row.place)
         for meaning in row.meanings:
-            value = one.params[meaning.number - 1]
+            value = plan_item.params[meaning.number - 1]
             assert meaning.low <= value <= meaning.high or (meaning.unset and math.isnan(value))
         if row.place:
-            assert abs(one.x) <= 9e8
-            assert abs(one.y) <= 1.8e9
+            assert abs(plan_item.x) <= 9e8
+            assert abs(plan_item.y) <= 1.8e9
 
 
-def test_too_many_items():
-    assert problem(MISSION, *[HERE] * MAX_PLAN_ITEMS) is None
-    assert problem(MISSION, *[HERE] * (MAX_PLAN_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
+def test_number_of_items_is_limited():
+    assert problem(MISSION, *[WAYPOINT] * MAX_PLAN_ITEMS) is None
+    assert problem(MISSION, *[WAYPOINT] * (MAX_PLAN_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
 
 
-def test_the_first_bad_item_is_named():
-    found = problem_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
-    assert (found.message(0), found.message(1)[:6]) == ("item 1: NAV_WAYPOINT: frame 1 is not supported", "item 2")
+def test_first_invalid_item_is_reported():
+    refusal = problem_of(Plan.of(MISSION, (WAYPOINT, item(16, frame=1), item(21))))
+    assert (refusal.message(0), refusal.message(1)[:6]) == ("item 1: NAV_WAYPOINT: frame 1 is not supported", "item 2")
 
 
 @pytest.mark.parametrize(
     "items",
     [
-        (HERE, jump(0, -1)),
-        (jump(1), HERE),
-        (jump(2), HERE, jump(1, -1)),
-        (HERE, RETURN, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
-        # So many times is not for ever, whatever is jumped over.
+        (WAYPOINT, jump(0, -1)),
+        (jump(1), WAYPOINT),
+        (jump(2), WAYPOINT, jump(1, -1)),
+        (WAYPOINT, RETURN, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+        # A limited jump is no endless loop.
         (jump(0),),
-        (HERE, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
-        (jump(2, 3), HERE, jump(0, 3)),
-        (HERE, jump(2, 5), jump(1, 5)),
-        (item(178, 1.0, 1.0, frame=2), jump(0, 2), jump(3, -1), HERE),
+        (WAYPOINT, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+        (jump(2, 3), WAYPOINT, jump(0, 3)),
+        (WAYPOINT, jump(2, 5), jump(1, 5)),
+        (item(178, 1.0, 1.0, frame=2), jump(0, 2), jump(3, -1), WAYPOINT),
     ],
 )
-def test_valid_jumps(items):
+def test_valid_jumps_are_accepted(items):
     assert problem(MISSION, *items) is None
 
 
 @pytest.mark.parametrize(
     ("items", "index"),
     [
-        ((HERE, jump(2)), 1),
+        ((WAYPOINT, jump(2)), 1),
         ((jump(0, -1),), 0),
-        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1, -1)), 2),
-        ((jump(2, -1), HERE, jump(0, -1)), 2),
-        ((HERE, jump(2, -1), jump(1, -1)), 2),
-        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1, 3), jump(1, -1)), 3),
+        ((WAYPOINT, item(178, 1.0, 1.0, frame=2), jump(1, -1)), 2),
+        ((jump(2, -1), WAYPOINT, jump(0, -1)), 2),
+        ((WAYPOINT, jump(2, -1), jump(1, -1)), 2),
+        ((WAYPOINT, item(178, 1.0, 1.0, frame=2), jump(1, 3), jump(1, -1)), 3),
     ],
 )
-def test_invalid_and_endless_jumps(items, index):
+def test_invalid_and_endless_jumps_are_refused(items, index):
     assert problem(MISSION, *items) == (index, PlanResult.INVALID_PARAM1)
 
 
@@ -202,34 +202,34 @@ NEAR, DELAY, TAG = item(114, 50.0, frame=2), item(112, 5.0, frame=2), item(600, 
 @pytest.mark.parametrize(
     ("items", "expected"),
     [
-        ((TAG, HERE, item(601, 3.0, -1.0, frame=2)), None),
+        ((TAG, WAYPOINT, item(601, 3.0, -1.0, frame=2)), None),
         ((item(601, 4.0, 1.0, frame=2), TAG), (0, PlanResult.INVALID_PARAM1)),
-        ((HERE, TAG, item(601, 3.0, -1.0, frame=2)), (2, PlanResult.INVALID_PARAM1)),
+        ((WAYPOINT, TAG, item(601, 3.0, -1.0, frame=2)), (2, PlanResult.INVALID_PARAM1)),
         ((TAG, DELAY, item(601, 3.0, -1.0, frame=2)), None),
         ((item(600, 0.5, frame=2),), (0, PlanResult.INVALID_PARAM1)),
-        ((NEAR, item(207, 1.0, frame=2), DELAY, HERE), None),
-        ((NEAR, item(16, x=0, y=0), HERE), (0, PlanResult.INVALID)),  # the present position
-        ((NEAR, jump(2), HERE), (0, PlanResult.INVALID)),
+        ((NEAR, item(207, 1.0, frame=2), DELAY, WAYPOINT), None),
+        ((NEAR, item(16, x=0, y=0), WAYPOINT), (0, PlanResult.INVALID)),  # the present position
+        ((NEAR, jump(2), WAYPOINT), (0, PlanResult.INVALID)),
         ((NEAR, RETURN), (0, PlanResult.INVALID)),
         ((item(207, 2.0, frame=2),), (0, PlanResult.INVALID_PARAM1)),
         ((item(207, 1.0, 4.0, frame=2),), (0, PlanResult.INVALID_PARAM2)),
     ],
 )
-def test_tags_distances_and_the_fence(items, expected):
+def test_tags_distances_and_fence_items_are_validated(items, expected):
     assert problem(MISSION, *items) == expected
 
 
-def test_two_thousand_conditions_and_tags_are_checked_fast():
-    assert problem(MISSION, *[NEAR] * 1000, *[TAG] * 998, HERE) is None
+def test_two_thousand_conditions_and_tags_are_accepted():
+    assert problem(MISSION, *[NEAR] * 1000, *[TAG] * 998, WAYPOINT) is None
 
 
-def test_two_thousand_jumps_are_followed_without_recursion():
-    assert problem(MISSION, HERE, *[jump(0)] * (MAX_PLAN_ITEMS - 1)) is None
+def test_two_thousand_jumps_need_no_recursion():
+    assert problem(MISSION, WAYPOINT, *[jump(0)] * (MAX_PLAN_ITEMS - 1)) is None
 
 
 def test_validation_is_cached_by_the_plan_object():
     plan = Plan.of(MISSION, (item(21),))
     assert problem_of(plan) is problem_of(plan)
-    assert problem_of(Plan.of(MISSION, (HERE,))) is None
-    assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (HERE,)).identity)) is not None
+    assert problem_of(Plan.of(MISSION, (WAYPOINT,))) is None
+    assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (WAYPOINT,)).identity)) is not None
     assert ROWS[int(Command.JUMP)].name == "DO_JUMP"

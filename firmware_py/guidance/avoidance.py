@@ -1,10 +1,10 @@
 """Vessel avoidance: steers the heading with the largest distance to approaching vessels until they have passed.
 
-The boat makes 0.4 m/s: in the 25 minutes after a ship is detected it can move 600 m away from its track, at the last
-moment nothing. Rules of the road are not applied. Every 30 s, headings within a sector around the unchanged course are
-tried, one a tick: each is rated by the closest approach of all vessels at constant velocity, and rejected if it leads
-near the fence. The boat is assumed to be on the new heading at once. When it follows a line, the unchanged course is
-the heading that makes the line good in the estimated current.
+The speed of the boat is about 0.4 m/s: within 25 minutes after the detection of a ship it can move 600 m away from its
+track, but a late manoeuvre has no effect. Collision regulations are not applied. Every 30 s a round of trials starts
+with headings within a sector around the unchanged course, one in each tick. The measure is the closest approach of all
+vessels at constant velocity; a heading that leads near the fence is rejected. The model has no turning time. If the
+boat follows a line, the unchanged course is the heading that keeps the course of the line in the estimated current.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.vessels import Vessel
-from firmware_py.guidance.approach import Velocity, relative
+from firmware_py.guidance.approach import Velocity, relative_motion
 from firmware_py.guidance.tasks import Task, VesselMotion
 from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal, PositionGoal
@@ -29,9 +29,9 @@ from firmware_py.plans import fence
 
 ROUND_INTERVAL_S = 30.0
 HEADINGS_PER_SIDE = 6
-# Ratios of the closest approach to the distance that counts as near.
+# Ratios of the closest approach to the near distance.
 MIN_GAIN = 0.06  # minimum improvement for another heading
-SUFFICIENT_RATIO = 2.0  # no larger ratio is sought
+SUFFICIENT_RATIO = 2.0  # a larger ratio is not better
 HEADING_TOLERANCE_RAD = 1e-6
 FENCE_CLEARANCE_M = 30.0
 FENCE_CHECK_LEGS = 4  # sections of a track that are checked against the fence
@@ -39,22 +39,22 @@ FENCE_CHECK_LEGS = 4  # sections of a track that are checked against the fence
 Goal = HeadingGoal | PositionGoal
 
 
-class AsideSettings(msgspec.Struct, frozen=True):
+class AvoidanceSettings(msgspec.Struct, frozen=True):
     """Whether avoidance is enabled, and the largest deviation to either side."""
 
     enabled: bool
     sector_rad: float
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> AsideSettings:
+    def of(cls, parameters: ParameterSet) -> AvoidanceSettings:
         """Read the settings from the parameters."""
         return cls(enabled=parameters["AIS_ACT"] == 1, sector_rad=radians(parameters["AIS_SECTOR_DEG"]))
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """Result of a heading: closest approach of the nearest vessel, and its ratio to the distance that counts as near.
+    """Result of a heading: closest approach of the nearest vessel, and its ratio to the near distance.
 
-    A vessel that a heading does not bring nearer than it is now only counts if there is no other.
+    A vessel that does not come nearer on the heading is used only if there is no other vessel.
     """
 
     heading_rad: float
@@ -62,10 +62,10 @@ class Trial(msgspec.Struct, frozen=True):
     ratio: float
 
 
-class AsideState(msgspec.Struct, frozen=True):
+class AvoidanceState(msgspec.Struct, frozen=True):
     """The avoidance heading (None: unchanged course), and the present round of trials.
 
-    `way_rad` is the centre of the sector, the unchanged course at the start of the round. `is_refusal_reported`: "no
+    `way_rad` is the centre of the sector: the unchanged course at the start of the round. `is_refusal_reported`: "no
     better heading" has been reported.
     """
 
@@ -81,14 +81,14 @@ class AsideState(msgspec.Struct, frozen=True):
 
 
 class LineAhead(msgspec.Struct, frozen=True):
-    """The followed line: cross-track error to starboard, course over ground, and the heading that makes it good."""
+    """The followed line: cross-track error to starboard, course over ground, and the heading that keeps this course."""
 
     cross_track_m: float
     course_rad: float
     along_rad: float
 
 
-class AsideInput(msgspec.Struct, frozen=True):
+class AvoidanceInput(msgspec.Struct, frozen=True):
     """Inputs of avoidance; `unchanged_rad` is the heading without avoidance, `fence` is None if it is disabled.
 
     Without a line, the unchanged course is this heading.
@@ -104,45 +104,45 @@ class AsideInput(msgspec.Struct, frozen=True):
     line: LineAhead | None = None
 
 
-IDLE = AsideState()
+IDLE = AvoidanceState()
 
 
 def update(
-    settings: AsideSettings, traffic: TrafficSettings, state: AsideState, inputs: AsideInput
-) -> tuple[AsideState, tuple[Event, ...]]:
-    """Try the next heading; at the end of a round select the best one or the unchanged course."""
+    settings: AvoidanceSettings, traffic: TrafficSettings, state: AvoidanceState, inputs: AvoidanceInput
+) -> tuple[AvoidanceState, tuple[Event, ...]]:
+    """Try the next heading; at the end of a round, select the best heading or the unchanged course."""
     way_rad, along_rad = inputs.unchanged_rad, inputs.unchanged_rad
     if inputs.line is not None:
         way_rad, along_rad = inputs.line.course_rad, inputs.line.along_rad
     if (inputs.goal, inputs.task) != (state.goal, state.task):
-        # A new goal starts a round at once, but not during a round: a goal may change at each tick.
+        # A new goal starts a round immediately, except during a round: a goal may change in each tick.
         state = replace(state, way_rad=way_rad, goal=inputs.goal, task=inputs.task, tried_s=None)
     if state.next_trial is None:
         if state.tried_s is not None and 0.0 <= inputs.t_s - state.tried_s < ROUND_INTERVAL_S:
             return state, ()
         return replace(state, way_rad=way_rad, tried_s=inputs.t_s, next_trial=0, best=None), ()
-    headings = _headings(settings, state, along_rad)
+    headings = _list_headings(settings, state, along_rad)
     if state.next_trial < len(headings):
-        trial = _trial(traffic, inputs, headings[state.next_trial])
-        better = _better(state.best, trial, along_rad) and _clear_of_fence(inputs, trial.heading_rad)
-        best = trial if better else state.best
+        trial = _try_heading(traffic, inputs, headings[state.next_trial])
+        is_better = _is_better(state.best, trial, along_rad) and _is_clear_of_fence(inputs, trial.heading_rad)
+        best = trial if is_better else state.best
         return replace(state, next_trial=state.next_trial + 1, best=best), ()
-    # Rated again at the present positions: the distance to a passed vessel grows during the round.
-    best = None if state.best is None else _trial(traffic, inputs, state.best.heading_rad)
-    unchanged = _unchanged(traffic, inputs)
+    # The best heading is tried again at the present positions: a vessel may have passed during the round.
+    best = None if state.best is None else _try_heading(traffic, inputs, state.best.heading_rad)
+    unchanged = _try_unchanged(traffic, inputs)
     return _choose(replace(state, next_trial=None, best=best, unchanged=unchanged), unchanged)
 
 
-def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
-    """End avoidance: no vessel is near, or another mode steers."""
+def end(state: AvoidanceState) -> tuple[AvoidanceState, tuple[Event, ...]]:
+    """End avoidance, because no vessel is near or the mode has changed."""
     events = () if state.heading_rad is None else (Event(Severity.NOTICE, "Avoidance ended: back on course"),)
     return IDLE, events
 
 
-def _headings(settings: AsideSettings, state: AsideState, along_rad: float) -> tuple[float, ...]:
+def _list_headings(settings: AvoidanceSettings, state: AvoidanceState, along_rad: float) -> tuple[float, ...]:
     """Return the headings of a round, from the unchanged course outward.
 
-    The present avoidance heading and the heading parallel to the unchanged course come first.
+    The first are the present avoidance heading and the heading parallel to the unchanged course.
     """
     way_rad, sector_rad = state.way_rad or 0.0, settings.sector_rad
     fan = [
@@ -152,32 +152,32 @@ def _headings(settings: AsideSettings, state: AsideState, along_rad: float) -> t
     ]
     if state.heading_rad is None:
         return tuple(fan)
-    within = (state.heading_rad,) if abs(wrap_pi(state.heading_rad - way_rad)) <= sector_rad + 1e-9 else ()
-    return (*within, along_rad, *fan)
+    present = (state.heading_rad,) if abs(wrap_pi(state.heading_rad - way_rad)) <= sector_rad + 1e-9 else ()
+    return (*present, along_rad, *fan)
 
 
-def _better(best: Trial | None, trial: Trial, along_rad: float) -> bool:
+def _is_better(best: Trial | None, trial: Trial, along_rad: float) -> bool:
     """Return whether a heading is better than the best of the round so far.
 
-    The first sufficient heading from the unchanged course outward is taken, because a few degrees may do for a vessel
-    at anchor. A sufficient heading closer to the unchanged course on the same side replaces the present one, so that
-    the boat does not run off to the side.
+    The first sufficient heading from the unchanged course outward is the best, because a few degrees may be enough for
+    a vessel at anchor. A sufficient heading closer to the unchanged course on the same side replaces the present one,
+    so that the boat returns towards its course.
     """
     if best is None:
         return True
     if best.ratio < SUFFICIENT_RATIO:
         return trial.ratio > best.ratio + MIN_GAIN
     off_rad, best_off_rad = wrap_pi(trial.heading_rad - along_rad), wrap_pi(best.heading_rad - along_rad)
-    inward = off_rad * best_off_rad >= 0.0 and abs(off_rad) < abs(best_off_rad) - HEADING_TOLERANCE_RAD
-    return inward and trial.ratio > SUFFICIENT_RATIO + MIN_GAIN
+    is_inward = off_rad * best_off_rad >= 0.0 and abs(off_rad) < abs(best_off_rad) - HEADING_TOLERANCE_RAD
+    return is_inward and trial.ratio > SUFFICIENT_RATIO + MIN_GAIN
 
 
-def _choose(state: AsideState, unchanged: Trial) -> tuple[AsideState, tuple[Event, ...]]:
+def _choose(state: AvoidanceState, unchanged: Trial) -> tuple[AvoidanceState, tuple[Event, ...]]:
     """Select the best heading of a round if it is sufficiently better than the unchanged course."""
-    best, before_rad = state.best, state.heading_rad
+    best, previous_rad = state.best, state.heading_rad
     if unchanged.ratio >= SUFFICIENT_RATIO or best is None or best.ratio < unchanged.ratio + MIN_GAIN:
         state = replace(state, heading_rad=None)
-        if before_rad is not None:
+        if previous_rad is not None:
             return replace(state, is_refusal_reported=False), (
                 Event(Severity.NOTICE, "Avoidance ended: back on course"),
             )
@@ -187,48 +187,47 @@ def _choose(state: AsideState, unchanged: Trial) -> tuple[AsideState, tuple[Even
             Event(Severity.WARNING, "Avoidance: no better heading, course kept"),
         )
     state = replace(state, heading_rad=best.heading_rad, is_refusal_reported=False)
-    if before_rad is not None:
+    if previous_rad is not None:
         return state, ()
     heading_deg = compass_degrees(best.heading_rad)
     text = f"Avoidance: heading {heading_deg:.0f} deg, closest {best.cpa_m:.0f} m instead of {unchanged.cpa_m:.0f} m"
     return state, (Event(Severity.NOTICE, text),)
 
 
-# ------------------------------------------------------------------------------ trials
-
-
-def _unchanged(traffic: TrafficSettings, inputs: AsideInput) -> Trial:
-    """Return the worst trial of the unchanged course: the present heading, along the line, and from the line."""
-    trials = [_trial(traffic, inputs, inputs.unchanged_rad)]
+def _try_unchanged(traffic: TrafficSettings, inputs: AvoidanceInput) -> Trial:
+    """Return the worst trial of the unchanged course: the present heading, parallel to the line, and on the line."""
+    trials = [_try_heading(traffic, inputs, inputs.unchanged_rad)]
     if inputs.line is not None:
         off_m, course_rad = inputs.line.cross_track_m, inputs.line.course_rad
         foot = inputs.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
-        trials += [_trial(traffic, inputs, inputs.line.along_rad, place) for place in (inputs.motion.place, foot)]
+        trials += [_try_heading(traffic, inputs, inputs.line.along_rad, place) for place in (inputs.motion.place, foot)]
     return min(trials, key=lambda trial: trial.ratio)
 
 
-def _trial(traffic: TrafficSettings, inputs: AsideInput, heading_rad: float, place: Place | None = None) -> Trial:
+def _try_heading(
+    traffic: TrafficSettings, inputs: AvoidanceInput, heading_rad: float, place: Place | None = None
+) -> Trial:
     """Predict the closest approach of all vessels on a heading, from the present position or from `place`."""
-    own_m_s = _velocity(inputs.motion, heading_rad)
-    counted = uncounted = (math.inf, math.inf)
+    own_m_s = _velocity_over_ground(inputs.motion, heading_rad)
+    relevant = irrelevant = (math.inf, math.inf)
     for vessel in inputs.vessels:
         limit_m = traffic.limit_m(vessel.position)
-        offset = relative(inputs.motion.place, vessel.position, inputs.t_s)
-        here = min(SUFFICIENT_RATIO, math.hypot(offset.north_m, offset.east_m) / limit_m)
+        offset = relative_motion(inputs.motion.place, vessel.position, inputs.t_s)
+        present_ratio = min(SUFFICIENT_RATIO, math.hypot(offset.north_m, offset.east_m) / limit_m)
         if place is not None:
-            offset = relative(place, vessel.position, inputs.t_s)
-        near_m, _ = offset.nearest(own_m_s, traffic.horizon_s)
-        share = near_m / limit_m
-        if here - share < MIN_GAIN:
-            uncounted = min(uncounted, (share, near_m))
+            offset = relative_motion(place, vessel.position, inputs.t_s)
+        cpa_m, _ = offset.closest_approach(own_m_s, traffic.horizon_s)
+        ratio = cpa_m / limit_m
+        if present_ratio - ratio < MIN_GAIN:
+            irrelevant = min(irrelevant, (ratio, cpa_m))
         else:
-            counted = min(counted, (share, near_m))
-    if counted[1] < math.inf:
-        return Trial(heading_rad, counted[1], counted[0])
-    return Trial(heading_rad, uncounted[1], max(SUFFICIENT_RATIO, uncounted[0]))
+            relevant = min(relevant, (ratio, cpa_m))
+    if relevant[1] < math.inf:
+        return Trial(heading_rad, relevant[1], relevant[0])
+    return Trial(heading_rad, irrelevant[1], max(SUFFICIENT_RATIO, irrelevant[0]))
 
 
-def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:
+def _velocity_over_ground(motion: VesselMotion, heading_rad: float) -> Velocity:
     way_rad = heading_rad + motion.leeway_rad
     return (
         motion.current_north_m_s + motion.speed_m_s * math.cos(way_rad),
@@ -236,22 +235,22 @@ def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:
     )
 
 
-def _clear_of_fence(inputs: AsideInput, heading_rad: float) -> bool:
+def _is_clear_of_fence(inputs: AvoidanceInput, heading_rad: float) -> bool:
     """Return whether the track on a heading stays clear of the fence until the last near vessel has passed.
 
-    Between two places one leg apart, the margin is at least half of (sum of both margins - leg).
+    Between the two ends of a leg, the margin is at least half of (sum of both margins - length of the leg).
     """
     if inputs.fence is None:
         return True
-    coming_s = [vessel.cpa_in_s or 0.0 for vessel in inputs.vessels if vessel.near_s is not None]
-    ahead_s = max(coming_s, default=0.0) + 2.0 * ROUND_INTERVAL_S
-    north_m_s, east_m_s = _velocity(inputs.motion, heading_rad)
-    leg_m = math.hypot(north_m_s, east_m_s) * ahead_s / FENCE_CHECK_LEGS
-    before_m = fence.margin_m(inputs.fence, inputs.motion.place)
+    cpa_times_s = [vessel.cpa_in_s or 0.0 for vessel in inputs.vessels if vessel.near_s is not None]
+    duration_s = max(cpa_times_s, default=0.0) + 2.0 * ROUND_INTERVAL_S
+    north_m_s, east_m_s = _velocity_over_ground(inputs.motion, heading_rad)
+    leg_m = math.hypot(north_m_s, east_m_s) * duration_s / FENCE_CHECK_LEGS
+    previous_m = fence.margin_m(inputs.fence, inputs.motion.place)
     for leg in range(1, FENCE_CHECK_LEGS + 1):
-        part_s = ahead_s * leg / FENCE_CHECK_LEGS
-        margin_m = fence.margin_m(inputs.fence, inputs.motion.place.at_offset(north_m_s * part_s, east_m_s * part_s))
-        if 0.5 * (before_m + margin_m - leg_m) < FENCE_CLEARANCE_M:
+        time_s = duration_s * leg / FENCE_CHECK_LEGS
+        margin_m = fence.margin_m(inputs.fence, inputs.motion.place.at_offset(north_m_s * time_s, east_m_s * time_s))
+        if 0.5 * (previous_m + margin_m - leg_m) < FENCE_CLEARANCE_M:
             return False
-        before_m = margin_m
+        previous_m = margin_m
     return True
