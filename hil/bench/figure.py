@@ -1,4 +1,4 @@
-"""Measured figures: a value beside a bare limit, an aim and other autopilots; percentiles and pairs of runs."""
+"""Measured figures with a bare limit, a target and values of other autopilots; percentiles; pairs of runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-TIMES: Final = "times"  # the unit of a ratio to something measured in the same run
+TIMES: Final = "times"  # the unit of a ratio to another quantity of the same run
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,24 +34,24 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """The value divided by the bare limit; None without one, or where that is zero."""
+        """The value divided by the bare limit; None if there is none or it is zero."""
         if self.paired_ratio is not None:
             return self.paired_ratio
         return self.value / self.bare if self.bare else None
 
     @property
-    def steady(self) -> float | None:
-        """The quantity that depends least on machine and load: the ratio, or the value where it is a ratio already."""
+    def compared_quantity(self) -> float | None:
+        """The quantity that depends least on machine and load: the ratio, or the value if its unit is TIMES."""
         return self.value if self.unit == TIMES else self.ratio
 
     @property
     def more_is_better(self) -> bool:
-        """Whether the figure worsens by falling."""
+        """True if a larger value is better."""
         return self.unit == TIMES or self.minimum is not None
 
     @property
     def met(self) -> bool | None:
-        """Whether the aim is met; None without an aim."""
+        """True if the target is met; None without a target."""
         if self.maximum is not None:
             return self.value <= self.maximum
         if self.minimum is not None:
@@ -63,7 +63,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one measurement: its figures, and notes on how they were measured."""
+    """The result of one measurement: its figures, and notes on the method."""
 
     title: str
     figures: tuple[Figure, ...]
@@ -75,19 +75,21 @@ def percentile(samples: Sequence[float], percent: float) -> float:
     if not samples:
         return math.nan
     ordered = sorted(samples)
-    place = (len(ordered) - 1) * percent / 100.0
-    below = math.floor(place)
+    position = (len(ordered) - 1) * percent / 100.0
+    below = math.floor(position)
     above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (ordered[above] - ordered[below]) * (place - below)
+    return ordered[below] + (ordered[above] - ordered[below]) * (position - below)
 
 
 def paired_figure(
-    name: str, unit: str, ours: Callable[[], float], bare: Callable[[], float], pairs: int, scale: float = 1.0
+    name: str, unit: str, run_program: Callable[[], float], bare: Callable[[], float], pairs: int, scale: float = 1.0
 ) -> Figure:
     """Run a program and its bare limit in turns, and return the medians and the median ratio of neighbouring runs.
 
     Each callable returns the duration of its run; `scale` converts it to the unit.
     """
-    durations = [(ours(), bare()) for _ in range(pairs)]
+    durations = [(run_program(), bare()) for _ in range(pairs)]
     value, limit = (scale * statistics.median(column) for column in zip(*durations, strict=True))
-    return Figure(name, unit, value, limit, paired_ratio=statistics.median(one / other for one, other in durations))
+    return Figure(
+        name, unit, value, limit, paired_ratio=statistics.median(value_s / limit_s for value_s, limit_s in durations)
+    )

@@ -18,41 +18,41 @@ KIB_PER_MIB = 1024.0
 PRIORITY = 40  # that of the autopilot
 _PR_SET_TIMERSLACK = 29
 _DEFAULT_SLACK = 0
-_SHORTEST_SLACK_NS = 1
-_SCHEDULED_TIME = 2  # of the clocks of a process: that of all its threads, in nanoseconds
+_MIN_SLACK_NS = 1
+_CPU_CLOCK = 2  # of the clocks of a process: that of all its threads, in nanoseconds
 
 
 def circumstances() -> dict[str, Any]:
-    """Return the machine, its load average now and whether SCHED_FIFO is allowed."""
-    with steady() as real_time:
-        allowed = real_time
+    """Return the machine, its load average and whether SCHED_FIFO is allowed."""
+    with autopilot_scheduling() as has_real_time:
+        is_real_time = has_real_time
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
         "kernel": platform.release(),
         "python": platform.python_version(),
-        "sched_fifo": allowed,
+        "sched_fifo": is_real_time,
         "load_average": os.getloadavg()[0],
     }
 
 
-def text_of(found: dict[str, Any]) -> str:
+def text_of(machine: dict[str, Any]) -> str:
     """Return the circumstances in one line."""
-    scheduling = "SCHED_FIFO" if found["sched_fifo"] else "SCHED_FIFO not allowed"
+    scheduling = "SCHED_FIFO" if machine["sched_fifo"] else "SCHED_FIFO not allowed"
     return (
-        f"{found['processor']}, {found['cores']} cores, Linux {found['kernel']}, Python {found['python']}, "
-        f"{scheduling}, load {found['load_average']:.2f} before the start"
+        f"{machine['processor']}, {machine['cores']} cores, Linux {machine['kernel']}, Python {machine['python']}, "
+        f"{scheduling}, load {machine['load_average']:.2f} before the start"
     )
 
 
-def same_machine(text: str, found: dict[str, Any]) -> bool:
-    """Return whether a line of circumstances has the same processor, number of cores and Python as those found."""
-    return {found["processor"], f"{found['cores']} cores", f"Python {found['python']}"} <= set(text.split(", "))
+def same_machine(text: str, machine: dict[str, Any]) -> bool:
+    """Return whether a line of circumstances has the processor, number of cores and Python of this machine."""
+    return {machine["processor"], f"{machine['cores']} cores", f"Python {machine['python']}"} <= set(text.split(", "))
 
 
-def same_python(text: str, found: dict[str, Any]) -> bool:
-    """Return whether a line of circumstances has the same Python as those found, except for the patch number."""
-    series = found["python"].rpartition(".")[0]
+def same_python(text: str, machine: dict[str, Any]) -> bool:
+    """Return whether a line of circumstances has the Python of this machine, except for the patch number."""
+    series = machine["python"].rpartition(".")[0]
     return any(part.startswith(f"Python {series}.") for part in text.split(", "))
 
 
@@ -66,58 +66,58 @@ def _processor() -> str:
 
 
 @contextmanager
-def steady() -> Iterator[bool]:
-    """Run with the autopilot's scheduling: SCHED_FIFO, exact timers, no garbage collector.
+def autopilot_scheduling() -> Iterator[bool]:
+    """Run with the scheduling of the autopilot: SCHED_FIFO, exact timers, no garbage collector.
 
     Yields whether SCHED_FIFO was allowed. Child processes start with the ordinary scheduling.
     """
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     libc = ctypes.CDLL(None)
-    libc.prctl(_PR_SET_TIMERSLACK, _SHORTEST_SLACK_NS, 0, 0, 0)
+    libc.prctl(_PR_SET_TIMERSLACK, _MIN_SLACK_NS, 0, 0, 0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
-        real_time = True
+        has_real_time = True
     except OSError:
-        real_time = False
+        has_real_time = False
     gc.collect()
     gc.disable()
     try:
-        yield real_time
+        yield has_real_time
     finally:
         gc.enable()
-        if real_time:
+        if has_real_time:
             os.sched_setscheduler(0, policy, parameters)
         libc.prctl(_PR_SET_TIMERSLACK, _DEFAULT_SLACK, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Resident memory of a process in MiB: now, and the largest so far."""
+    """Resident memory of a process in MiB: now, and the maximum so far."""
 
     now_mib: float
-    most_mib: float
+    max_mib: float
 
 
 def memory(status: str) -> Memory:
     """Return VmRSS and VmHWM from the text of /proc/PID/status."""
     rows = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
-    now_kib, most_kib = (int(rows[name].split()[0]) for name in ("VmRSS", "VmHWM"))
-    return Memory(now_kib / KIB_PER_MIB, most_kib / KIB_PER_MIB)
+    now_kib, max_kib = (int(rows[name].split()[0]) for name in ("VmRSS", "VmHWM"))
+    return Memory(now_kib / KIB_PER_MIB, max_kib / KIB_PER_MIB)
 
 
 def memory_of(pid: int) -> Memory:
-    """Return the memory of a process; OSError when it has ended."""
+    """Return the memory of a process; raise OSError if it has ended."""
     return memory((PROC / str(pid) / "status").read_text())
 
 
 def cpu_of(pid: int) -> float:
-    """Return the processor time of a process and its threads, in seconds; OSError when it has ended."""
-    # The number of the clock as clock_getcpuclockid computes it; /proc/PID/stat has the same in steps of 10 ms.
-    return time.clock_gettime(~pid << 3 | _SCHEDULED_TIME)
+    """Return the processor time of a process and its threads, in seconds; raise OSError if it has ended."""
+    # Clock number as computed by clock_getcpuclockid; /proc/PID/stat has only a resolution of 10 ms.
+    return time.clock_gettime(~pid << 3 | _CPU_CLOCK)
 
 
 def parent(stat: str) -> int:
-    """Return the parent's process id from the text of /proc/PID/stat."""
+    """Return the process id of the parent from the text of /proc/PID/stat."""
     # The second field, the name in brackets, may contain anything.
     return int(stat.rpartition(")")[2].split()[1])
 
@@ -130,5 +130,5 @@ def children_of(pid: int) -> list[int]:
             if parent(path.read_text()) == pid:
                 processes.append(int(path.parent.name))
         except OSError:
-            continue  # it has ended meanwhile
+            continue  # the process has ended
     return processes

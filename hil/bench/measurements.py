@@ -11,7 +11,7 @@ from hil.bench.setting import Setting
 
 
 class Measurement(NamedTuple):
-    """One measurement, and in a few words what it measures."""
+    """One measurement and its description."""
 
     text: str
     measure: Callable[[Setting], Finding]

@@ -1,6 +1,6 @@
 """Comparison of the bench with a baseline: ratios that are worse by more than their scatter.
 
-The compared value is a figure's steady quantity; its limit follows from the repeats stored with the baseline. Their
+The limit of a compared quantity is computed from the repeats stored with the baseline. Their
 logarithms are nearly normal, so a further reading exceeds the upper limit of the prediction interval (Hahn and Meeker,
 Statistical Intervals, 1991, 4.7) by chance with a probability of FALSE_ALARM over all that are compared.
 """
@@ -29,86 +29,90 @@ Baseline = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A figure's steady quantity: its baseline, its limit and its present value."""
+    """A compared quantity of a figure: its baseline, its limit and its present value."""
 
     measurement: str
     name: str
-    was: float
-    allowed: float
-    now: float
+    baseline: float
+    limit: float
+    present: float
     more_is_better: bool
-    counted: bool = False
+    is_count: bool = False
 
     @property
-    def worse(self) -> bool:
-        """Whether the value exceeds the scatter of its repeats; NaN does."""
-        return not (self.now >= self.allowed if self.more_is_better else self.now <= self.allowed)
+    def is_worse(self) -> bool:
+        """True if the value is beyond the limit, or NaN."""
+        return not (self.present >= self.limit if self.more_is_better else self.present <= self.limit)
 
     @property
     def text(self) -> str:
         """One line for the terminal."""
         bound = "at least" if self.more_is_better else "at most"
-        verdict = "WORSE" if self.worse else "as before"
+        verdict = "WORSE" if self.is_worse else "as before"
         return (
-            f"  {self.measurement}: {self.name}: {number(self.was)}x before, {number(self.now)}x now "
-            f"({bound} {number(self.allowed)}): {verdict}"
+            f"  {self.measurement}: {self.name}: {number(self.baseline)}x before, {number(self.present)}x now "
+            f"({bound} {number(self.limit)}): {verdict}"
         )
 
 
 def median(repeats: Sequence[Finding]) -> Finding:
-    """Return the median of each figure over findings of one measurement, with all their quantities."""
+    """Return the median of each figure over findings of one measurement, with the quantities of all repeats."""
     last = repeats[-1]
     columns = zip(*(finding.figures for finding in repeats), strict=True)
     return last if len(repeats) == 1 else replace(last, figures=tuple(_median(column) for column in columns))
 
 
 def _median(column: Sequence[Figure]) -> Figure:
-    ordered = sorted(column, key=lambda figure: figure.value if figure.steady is None else figure.steady)
-    quantities = tuple(one for figure in column if (one := figure.steady) is not None and _usable(one))
+    ordered = sorted(
+        column, key=lambda figure: figure.value if figure.compared_quantity is None else figure.compared_quantity
+    )
+    quantities = tuple(
+        value for figure in column if (value := figure.compared_quantity) is not None and _is_valid(value)
+    )
     return replace(ordered[len(ordered) // 2], repeats=quantities)
 
 
 def baseline_of(entries: Mapping[str, Mapping[str, Any]]) -> Baseline:
     """Return the repeats of the entries of a figure file that have enough repeats."""
-    found = {}
-    for key, each in entries.items():
-        repeats = each.get("repeats") if isinstance(each, Mapping) else None
-        if isinstance(repeats, list) and len(repeats) >= MIN_REPEATS and all(map(_usable, repeats)):
-            found[key] = tuple(float(one) for one in repeats)
-    return found
+    selected = {}
+    for key, entry in entries.items():
+        repeats = entry.get("repeats") if isinstance(entry, Mapping) else None
+        if isinstance(repeats, list) and len(repeats) >= MIN_REPEATS and all(map(_is_valid, repeats)):
+            selected[key] = tuple(float(value) for value in repeats)
+    return selected
 
 
-def measured_in(baseline: Baseline, names: Iterable[str]) -> list[str]:
-    """Return the measurements that the baseline contains, or raise UsageError if it contains none."""
-    found = [name for name in names if any(key.startswith(f"{key_of(name)}_") for key in baseline)]
-    if not found:
+def measurements_in(baseline: Baseline, names: Iterable[str]) -> list[str]:
+    """Return the measurements in the baseline; raise UsageError if it contains none."""
+    selected = [name for name in names if any(key.startswith(f"{key_of(name)}_") for key in baseline)]
+    if not selected:
         raise UsageError(
             f"--against: no figure in the file has {MIN_REPEATS} repeats or more; "
             f"write some with --repeat {MIN_REPEATS + 2} --figures FILE"
         )
-    return found
+    return selected
 
 
 def compare(baseline: Baseline, findings: Mapping[str, Finding]) -> list[Verdict]:
-    """Return a verdict on each figure that is in both."""
+    """Return a verdict on each figure that is in baseline and findings."""
     return [
-        Verdict(name, figure.name, *_allowed(repeats, len(baseline), figure.more_is_better), quantity,
+        Verdict(name, figure.name, *_median_and_limit(repeats, len(baseline), figure.more_is_better), quantity,
                 figure.more_is_better, figure.unit == COUNTED)
         for name, finding in findings.items()
         for figure in finding.figures
         if (repeats := baseline.get(key_of(name, figure.name))) is not None
-        and (quantity := figure.steady) is not None
+        and (quantity := figure.compared_quantity) is not None
     ]  # fmt: skip
 
 
-def _allowed(repeats: Sequence[float], compared: int, more_is_better: bool) -> tuple[float, float]:  # noqa: FBT001
+def _median_and_limit(repeats: Sequence[float], comparisons: int, more_is_better: bool) -> tuple[float, float]:  # noqa: FBT001
     """Return the median of the repeats and the limit for a further one."""
-    logarithms, count = [math.log(one) for one in repeats], len(repeats)
-    quantile = float(stdtrit(count - 1, 1.0 - FALSE_ALARM / compared))
-    reach = max(quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count), math.log1p(MIN_TOLERANCE))
+    logarithms, count = [math.log(value) for value in repeats], len(repeats)
+    quantile = float(stdtrit(count - 1, 1.0 - FALSE_ALARM / comparisons))
+    margin = max(quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count), math.log1p(MIN_TOLERANCE))
     mean = statistics.fmean(logarithms)
-    return statistics.median(repeats), math.exp(mean - reach if more_is_better else mean + reach)
+    return statistics.median(repeats), math.exp(mean - margin if more_is_better else mean + margin)
 
 
-def _usable(quantity: object) -> bool:
+def _is_valid(quantity: object) -> bool:
     return isinstance(quantity, int | float) and math.isfinite(quantity) and quantity > 0.0

@@ -9,10 +9,10 @@ import sys
 import time
 from pathlib import Path
 
+from hil.bench.background_run import BackgroundRun
 from hil.bench.figure import Figure, Finding
 from hil.bench.machine import Memory, cpu_of, memory_of
 from hil.bench.rig import Rig
-from hil.bench.sea import Sea
 from hil.bench.setting import Setting
 from hil.bench.station import Station
 from hil.errors import HilError
@@ -44,9 +44,9 @@ GOALS = (Goal(0.0, 0.0), Goal(60.0, math.radians(60.0)))
 
 
 def load(setting: Setting) -> Finding:
-    """Measure processor time and memory in the tank at 10 Hz, with a radio link, then with UDP as well."""
+    """Measure processor time and memory in the tank at 10 Hz, with a radio link and then also with UDP."""
     one_link, _ = _load(setting, "one-link", udp=False)
-    share, memory = _load(setting, "load", udp=True)
+    cpu_share, memory = _load(setting, "load", udp=True)
     with subprocess.Popen([sys.executable, "-c", SLEEPER], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as bare:
         try:
             if bare.stdout is None or not bare.stdout.readline():
@@ -61,35 +61,35 @@ def load(setting: Setting) -> Finding:
         f"over {setting.load_s:g} s each, with log and all telemetry on UDP and a serial link, or on that alone",
         "bare: a Python process that imports nothing and sleeps at 10 Hz",
     )
-    return Finding("Load", load_figures((one_link, share), memory, bare_share, bare_memory), notes)
+    return Finding("Load", load_figures((one_link, cpu_share), memory, bare_share, bare_memory), notes)
 
 
 def _load(setting: Setting, name: str, *, udp: bool) -> tuple[float, Memory]:
     """Return the share of a core and the memory of the autopilot of a run."""
-    with Sea(setting.directory / name, udp=udp) as sea:
-        sea.listen(WARM_UP_S)
-        pid = sea.autopilot()
+    with BackgroundRun(setting.directory / name, udp=udp) as background_run:
+        background_run.listen(WARM_UP_S)
+        pid = background_run.autopilot()
         start_s, used_s = time.monotonic(), cpu_of(pid)
-        sea.listen(setting.load_s)
+        background_run.listen(setting.load_s)
         return (cpu_of(pid) - used_s) / (time.monotonic() - start_s), memory_of(pid)
 
 
 def load_figures(shares: tuple[float, float], memory: Memory, bare_share: float, bare: Memory) -> tuple[Figure, ...]:
     """Return the figures of shares of one core, with one link and with two, and of memory."""
-    one_link, share = (share * 100.0 for share in shares)
+    one_link, cpu_share = (cpu_share * 100.0 for cpu_share in shares)
     return (
-        Figure("CPU at 10 Hz", "% of a core", share, bare_share * 100.0, maximum=MAX_CPU_PERCENT),
+        Figure("CPU at 10 Hz", "% of a core", cpu_share, bare_share * 100.0, maximum=MAX_CPU_PERCENT),
         Figure(
             "CPU at 10 Hz, one link", "% of a core", one_link, bare_share * 100.0,
             maximum=MAX_CPU_ONE_LINK_PERCENT, peer="pypilot 1.5 at 20 Hz",
         ),
         Figure("memory (VmRSS)", "MiB", memory.now_mib, bare.now_mib, maximum=MAX_RSS_MIB, peer="pypilot 209"),
-        Figure("memory at most (VmHWM)", "MiB", memory.most_mib, bare.most_mib),
+        Figure("memory at most (VmHWM)", "MiB", memory.max_mib, bare.max_mib),
     )  # fmt: skip
 
 
 def start(setting: Setting) -> Finding:
-    """Measure several starts of the autopilot, in turns with a Python that does nothing."""
+    """Measure several starts of the autopilot, in turns with those of an empty Python program."""
     frames_s, heartbeats_s, bare_s = [], [], []
     for index in range(setting.starts):
         with Rig(setting.directory / f"start-{index}") as rig:

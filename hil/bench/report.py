@@ -13,13 +13,13 @@ from hil.report.figure_file import entry, key_of
 
 COLUMNS = ("", "ours", "bare limit", "ratio", "aim", "", "others")
 NAME, VERDICT, OTHERS = 0, 5, 6
-LEFT = (NAME, VERDICT, OTHERS)
+LEFT_ALIGNED = (NAME, VERDICT, OTHERS)
 # Keys of the JSON output that differ from the names in Figure.
 JSON_KEYS = {"maximum": "most", "maximum_ratio": "most_ratio", "minimum": "least"}
 
 
 def table(findings: Sequence[Finding]) -> str:
-    """Return all figures in aligned columns, a block for each finding, its notes under it."""
+    """Return all figures in aligned columns, in a block with notes for each finding."""
     rows = [_cells(figure) for finding in findings for figure in finding.figures]
     widths = [max(len(row[column]) for row in (COLUMNS, *rows)) for column in range(len(COLUMNS))]
     lines = [_line(COLUMNS, widths)]
@@ -31,7 +31,7 @@ def table(findings: Sequence[Finding]) -> str:
 
 
 def as_json(findings: Sequence[Finding], circumstances: dict[str, Any]) -> str:
-    """Return all findings as JSON, absent numbers as null."""
+    """Return all findings as JSON; missing and invalid numbers are null."""
     content = {
         "circumstances": circumstances,
         "findings": [
@@ -43,7 +43,7 @@ def as_json(findings: Sequence[Finding], circumstances: dict[str, Any]) -> str:
 
 
 def as_entries(findings: Mapping[str, Finding], source: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the figures for docs/figures.json; findings are by the name of the measurement."""
+    """Return the figures for docs/figures.json; the keys of `findings` are the names of the measurements."""
     return {
         key_of(measurement, figure.name): entry(
             figure.value, figure.unit, source, name=figure.name, bare=figure.bare, ratio=figure.ratio,
@@ -90,7 +90,7 @@ def _aim(figure: Figure) -> str:
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
     padded = [
-        cell.ljust(width) if column in LEFT else cell.rjust(width)
+        cell.ljust(width) if column in LEFT_ALIGNED else cell.rjust(width)
         for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
     ]
     return "  ".join(padded).rstrip()

@@ -1,4 +1,4 @@
-"""The autopilot on a board with time stamps on every compass sentence and servo goal."""
+"""The autopilot with emulated devices, with time stamps on every compass sentence and servo goal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import World
 
 COMPASS_HZ = 10.0
-FREQUENCY_ERROR_PPM = 30.0  # an ordinary crystal, not synchronous with the computer's clock
+FREQUENCY_ERROR_PPM = 30.0  # of an ordinary crystal, so the compass is not synchronous with the computer
 MILLIDEGREES = 1000
 POLL_S = 0.2
 
@@ -35,7 +35,7 @@ POLL_S = 0.2
 class CountingCompass:
     """An NMEA compass whose n-th heading is n thousandths of a degree, so that each sentence is identifiable.
 
-    A sentence is on the line at once: its transfer time belongs to the line, not to the autopilot.
+    A sentence has no transfer time, because that is not part of the latency of the autopilot.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class CountingCompass:
         return self._pace.next_s
 
     def take_output(self, now_s: float) -> bytes:
-        """Return the sentence that is due; a late caller gets the last one only."""
+        """Return the sentence that is due; a late caller gets only the last one."""
         if not self._pace.take(now_s):
             return b""
         self._count += 1
@@ -61,8 +61,8 @@ class CountingCompass:
 GOAL_PARAMETERS = 9  # address, length, id, four bytes
 
 
-class GoalWatch:
-    """Records when each goal position frame was complete."""
+class GoalRecorder:
+    """Recorder of the times at which goal position frames were complete."""
 
     def __init__(self) -> None:
         """Start without a frame."""
@@ -73,9 +73,9 @@ class GoalWatch:
     def receive(self, received_s: float, data: bytes) -> None:
         """Process bytes to the servo; a frame counts only with a valid CRC and a complete goal."""
         for packet in self._reader.feed(received_s, data):
-            sync_write = packet.is_intact and packet.instruction == Instruction.SYNC_WRITE
-            goal = sync_write and packet.parameters[:2] == self._address
-            if goal and len(packet.parameters) == GOAL_PARAMETERS:
+            is_sync_write = packet.is_intact and packet.instruction == Instruction.SYNC_WRITE
+            is_goal = is_sync_write and packet.parameters[:2] == self._address
+            if is_goal and len(packet.parameters) == GOAL_PARAMETERS:
                 self.times_s.append(received_s)
 
 
@@ -83,11 +83,11 @@ class Rig:
     """Ports, devices and an autopilot, in real time; times are monotonic and count from the start of the process.
 
     `sentences_s[n]` is the time at which the sentence of heading n + 1 was written, `goals_s` the times at which goal
-    frames were complete, `heartbeat_s` that of the first heartbeat over UDP. A context that leaves no process behind.
+    frames were complete, `heartbeat_s` that of the first heartbeat over UDP. The context ends the process.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Start the autopilot, armed and steered by a ground station on a serial link."""
+        """Start the autopilot and a ground station on a serial link, which arms it and sends a goal."""
         directory.mkdir(parents=True)
         self.out = directory
         self.sentences_s: list[float] = []
@@ -97,7 +97,7 @@ class Rig:
         self._devices: dict[str, Emulator] = {
             **devices, "compass": CountingCompass(), "link": GroundStation([Goal(0.0, 0.0)])
         }  # fmt: skip
-        self._watch = GoalWatch()
+        self._goal_recorder = GoalRecorder()
         self.station = Station()
         self._lines = {name: PtyLine(directory / name) for name in self._devices}
         self._names = {line.fileno(): name for name, line in self._lines.items()}
@@ -106,7 +106,7 @@ class Rig:
         vehicle.write_text(file_text(standard_vehicle(), ports, {}))
         self._start_s = time.monotonic()
         arguments = ["run", str(vehicle), "--state", str(directory / STATE), "--link", self.station.url]
-        self._firmware = AutopilotProcess(arguments, directory / "firmware.log")
+        self._autopilot = AutopilotProcess(arguments, directory / "firmware.log")
 
     def __enter__(self) -> Self:
         """Return the rig."""
@@ -115,12 +115,12 @@ class Rig:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the autopilot in order, with its servo still replying, and close the ports."""
-        self._firmware.terminate()
+        """End the autopilot in order, while its servo still replies, and close the ports."""
+        self._autopilot.terminate()
         end_s = self.now_s() + 4.0
-        while self._firmware.running() and self.now_s() < end_s:
-            self._turn(self.now_s() + POLL_S)
-        self._firmware.__exit__(kind, error, trace)
+        while self._autopilot.running() and self.now_s() < end_s:
+            self._serve_once(self.now_s() + POLL_S)
+        self._autopilot.__exit__(kind, error, trace)
         for line in self._lines.values():
             line.close()
         self.station.close()
@@ -128,31 +128,31 @@ class Rig:
     @property
     def goals_s(self) -> list[float]:
         """The times at which goal position frames were complete."""
-        return self._watch.times_s
+        return self._goal_recorder.times_s
 
     def now_s(self) -> float:
         """Return the seconds since the start of the autopilot."""
         return time.monotonic() - self._start_s
 
     def serve(self, until_s: float) -> None:
-        """Serve the devices until this time; HilError when the autopilot ends."""
+        """Serve the devices until this time; raise HilError if the autopilot ends."""
         while self.now_s() < until_s:
-            self._turn(min(until_s, self.now_s() + POLL_S))
-            if not self._firmware.running():
-                raise HilError(f"the autopilot ended early: {self._firmware.last_output()}")
+            self._serve_once(min(until_s, self.now_s() + POLL_S))
+            if not self._autopilot.running():
+                raise HilError(f"the autopilot ended early: {self._autopilot.last_output()}")
 
     def serve_until_alive(self, timeout_s: float) -> tuple[float, float]:
         """Serve the devices until a goal frame and a heartbeat have arrived; return their times, or raise HilError."""
         while not self.goals_s or self.heartbeat_s is None:
             if self.now_s() > timeout_s:
                 raise HilError(
-                    f"rudder frame or heartbeat missing after {timeout_s:g} s: {self._firmware.last_output()}"
+                    f"rudder frame or heartbeat missing after {timeout_s:g} s: {self._autopilot.last_output()}"
                 )
             self.serve(self.now_s() + POLL_S / 10.0)
         return self.goals_s[0], self.heartbeat_s
 
-    def _turn(self, until_s: float) -> None:
-        """Send the output that is due, then receive until the next is."""
+    def _serve_once(self, until_s: float) -> None:
+        """Send the output that is due, then wait for input until the next output."""
         due_s = self._send()
         wait_s = min(due_s, until_s) - self.now_s()
         ready = select.select([*self._names, self.station.fileno()], [], [], max(0.0, wait_s))[0]
@@ -164,7 +164,7 @@ class Rig:
                 continue
             data = self._lines[name].read()
             if name == "rudder":
-                self._watch.receive(received_s, data)
+                self._goal_recorder.receive(received_s, data)
             self._world.advance_to(received_s)
             self._devices[name].receive(received_s, data)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Seconds and counts of all measurements.
+    """Durations and counts of all measurements.
 
-    The latency is counted from `lock_s` after the first goal: the ticks approach the compass samples by 0.5 ms per
+    The latency is measured from `lock_s` after the first goal: the ticks approach the compass samples by 0.5 ms per
     tick, by half a period at most, and the end of the approach has a time constant of ten ticks. Measurements that
     compare two programs run `pairs` of them in turns.
     """
@@ -25,7 +25,7 @@ class Setting:
     pairs: int
     evaluations: int
 
-    def within(self, directory: Path) -> Setting:
+    def with_directory(self, directory: Path) -> Setting:
         """Return the setting with another directory."""
         return replace(self, directory=directory)
 

@@ -1,4 +1,4 @@
-"""The ground station's end of a UDP link, as small as possible."""
+"""A minimal ground station on a UDP link."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hil.sim.mavlink_tap import MavlinkTap
 
 HEARTBEAT_S = 1.0
 READ_BYTES = 4096
-RECEIVED_KINDS = (
+RECEIVED_NUMBERS = (
     dialect.MAVLINK_MSG_ID_HEARTBEAT,
     dialect.MAVLINK_MSG_ID_PARAM_VALUE,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK,
@@ -30,7 +30,7 @@ class Station:
         """Open the port."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
-        self._tap = MavlinkTap(RECEIVED_KINDS)
+        self._tap = MavlinkTap(RECEIVED_NUMBERS)
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._peer: tuple[str, int] | None = None
         self._heartbeat_s = 0.0
@@ -47,12 +47,12 @@ class Station:
     def await_message(self, timeout_s: float, matches: Callable[[Any], bool]) -> float | None:
         """Return when (monotonic) the datagram with the first matching message arrived; None after the timeout.
 
-        In the meantime it sends heartbeats.
+        It sends heartbeats while it waits.
         """
-        end_s = time.monotonic() + timeout_s
-        while (now_s := time.monotonic()) < end_s:
-            self._keep_alive(now_s)
-            until_s = min(end_s, self._heartbeat_s) if self._peer else end_s
+        deadline_s = time.monotonic() + timeout_s
+        while (now_s := time.monotonic()) < deadline_s:
+            self._send_heartbeat(now_s)
+            until_s = min(deadline_s, self._heartbeat_s) if self._peer else deadline_s
             if not select.select([self._socket], [], [], max(0.0, until_s - now_s))[0]:
                 continue
             received_s = time.monotonic()
@@ -90,8 +90,8 @@ class Station:
             self._socket.sendto(frame, self._peer)
         return sent_s
 
-    def _keep_alive(self, now_s: float) -> None:
+    def _send_heartbeat(self, now_s: float) -> None:
         if self._peer is not None and now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + HEARTBEAT_S
-            kind, autopilot, state = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_STATE_ACTIVE
-            self.send(self.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, state, 3)))
+            mav_type, autopilot, state = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_STATE_ACTIVE
+            self.send(self.pack(dialect.MAVLink_heartbeat_message(mav_type, autopilot, 0, 0, state, 3)))

@@ -1,4 +1,4 @@
-"""The cost of a tick: the processor time of a log's replay, and the Python instructions of the step."""
+"""The cost of a tick: processor time in the replay of a log, and Python instructions of the step."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ SEA = "sea"
 REPLAY_S, WORK_S = 300.0, 60.0
 MICROSECONDS = 1e6
 CALLS, THOUSANDS = "one = 0.0\nfor _ in range(5_000_000): one = abs(one)", 5_000
-WARM_UP_TICKS, COUNTED_EVERY = 100, 7  # the first ticks fill caches
+WARM_UP_TICKS, TICKS_PER_COUNT = 100, 7  # the first ticks fill caches
 Result = TypeVar("Result")
 
-# In a separate process with empty caches.
+# Program for a separate process, which has empty caches.
 RECOUNT: Final = """
 import sys
 from pathlib import Path
@@ -45,13 +45,13 @@ print(len(counts), sum(counts))
 """
 
 
-def logged(out: Path) -> Iterator[Inputs]:
+def logged_inputs(out: Path) -> Iterator[Inputs]:
     """Yield the inputs of each tick, in order, from the onboard log of a run's directory."""
     for _, path in sorted(log_files(out / STATE / "logs").items()):
         yield from (tick.inputs for tick in read_log(path))
 
 
-def log_of_a_run(out: Path, seconds: float) -> Path:
+def record_log(out: Path, seconds: float) -> Path:
     """Run the autopilot in lockstep and return the path of its log."""
     run(RunOptions(find_scenario(SEA), seconds, out, math.inf, 1, (Goal(0.0, 0.0),)))
     (log,) = log_files(out / STATE / "logs").values()
@@ -61,8 +61,8 @@ def log_of_a_run(out: Path, seconds: float) -> Path:
 def replay(setting: Setting) -> Finding:
     """Measure the processor time of a tick in `rambler replay`, in turns with calls of a Python function."""
     out = setting.directory / "replay"
-    log = log_of_a_run(out, REPLAY_S)
-    ticks = sum(1 for _ in logged(out))
+    log = record_log(out, REPLAY_S)
+    ticks = sum(1 for _ in logged_inputs(out))
     recompute = ("-m", "firmware_py", "replay", str(log))
     figure = paired_figure(
         "a tick recomputed",
@@ -82,20 +82,20 @@ def replay(setting: Setting) -> Finding:
 def processor_s(arguments: Sequence[str], directory: Path) -> float:
     """Run Python with arguments in a directory; return its processor time in seconds, or raise HilError."""
     process = subprocess.Popen([sys.executable, *arguments], cwd=directory, stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
+    _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
         raise HilError(f"python {' '.join(arguments[:3])} ended with {process.returncode}")
-    return used.ru_utime + used.ru_stime
+    return usage.ru_utime + usage.ru_stime
 
 
 def work(setting: Setting) -> Finding:
     """Count the Python instructions of the step over the log of a run."""
-    log = log_of_a_run(setting.directory / "work", WORK_S)
-    done = subprocess.run([sys.executable, "-c", RECOUNT, str(log)], capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise HilError(f"the log of the run cannot be recomputed: {' '.join(done.stderr.split())[-200:]}")
-    ticks, count = map(int, done.stdout.split())
+    log = record_log(setting.directory / "work", WORK_S)
+    process = subprocess.run([sys.executable, "-c", RECOUNT, str(log)], capture_output=True, text=True, check=False)
+    if process.returncode != 0:
+        raise HilError(f"the log of the run cannot be recomputed: {' '.join(process.stderr.split())[-200:]}")
+    ticks, count = map(int, process.stdout.split())
     bare, _ = instructions(_thousand_calls)
     notes = (
         f"Python instructions in the step, counted in {ticks} ticks of {SEA}; a call of numpy counts as one",
@@ -108,16 +108,16 @@ def counting(step: Callable[[Any, Any], Result], counts: list[int]) -> Callable[
     """Return a step with the same results that appends the instructions of some of its ticks to `counts`."""
     ticks = 0
 
-    def counted(state: Any, inputs: Any) -> Result:
+    def counted_step(state: Any, inputs: Any) -> Result:
         nonlocal ticks
         ticks += 1
-        if ticks <= WARM_UP_TICKS or ticks % COUNTED_EVERY:
+        if ticks <= WARM_UP_TICKS or ticks % TICKS_PER_COUNT:
             return step(state, inputs)
         count, result = instructions(lambda: step(state, inputs))
         counts.append(count)
         return result
 
-    return counted
+    return counted_step
 
 
 def instructions(function: Callable[[], Result]) -> tuple[int, Result]:
@@ -131,16 +131,16 @@ def instructions(function: Callable[[], Result]) -> tuple[int, Result]:
         count += event == "opcode"
         return trace
 
-    before = sys.gettrace()
+    previous = sys.gettrace()
     sys.settrace(trace)
     try:
         result = function()
     finally:
-        sys.settrace(before)
+        sys.settrace(previous)
     return count, result
 
 
 def _thousand_calls() -> None:
-    one = 0.0
+    value = 0.0
     for _ in range(1000):
-        one = abs(one)
+        value = abs(value)

@@ -1,4 +1,4 @@
-"""The speed of the laboratory's tools: the compiled loop, an identification, the fish swarm."""
+"""The speed of the tools: the compiled loop, an identification, the fish swarm."""
 
 from __future__ import annotations
 
@@ -57,56 +57,56 @@ def loop_figures(per_tick_ns: list[float]) -> tuple[Figure, ...]:
 
 
 def hour(setting: Setting) -> Finding:
-    """Identify logs of an hour with different noise, after a first one that compiles."""
+    """Measure identifications of logs of an hour with different noise; one before them compiles the code."""
     identify([hour_of_zigzag(0)])
-    passed_s, used_s, evaluations = [], [], []
+    wall_s, cpu_s_values, evaluations = [], [], []
     for seed in range(1, setting.pairs + 1):
         log = hour_of_zigzag(seed)
         start_s, cpu_s = time.perf_counter(), time.process_time()
         evaluations.append(identify([log]).fit.evaluations)
-        used_s.append(time.process_time() - cpu_s)
-        passed_s.append(time.perf_counter() - start_s)
+        cpu_s_values.append(time.process_time() - cpu_s)
+        wall_s.append(time.perf_counter() - start_s)
     rows = round(HOUR_S / STEP_S)
     notes = (
         f"{rows} rows at {1.0 / STEP_S:g} Hz, tank noise, zigzag; fit, errors and verdicts",
-        f"{len(passed_s)} runs of {min(passed_s):.2f} to {max(passed_s):.2f} s with different noise",
+        f"{len(wall_s)} runs of {min(wall_s):.2f} to {max(wall_s):.2f} s with different noise",
         f"about {statistics.median(evaluations):.0f} runs of the filter each",
     )
-    return Finding("Identification of an hour", hour_figures(passed_s, used_s), notes)
+    return Finding("Identification of an hour", hour_figures(wall_s, cpu_s_values), notes)
 
 
-def hour_figures(passed_s: list[float], used_s: list[float]) -> tuple[Figure, ...]:
-    """Return the medians as figures; the processor time is that on an idle machine."""
+def hour_figures(wall_s: list[float], cpu_s_values: list[float]) -> tuple[Figure, ...]:
+    """Return the medians of wall-clock and processor time as figures."""
     return (
-        Figure("from the log to the judged model", "s", statistics.median(passed_s), maximum=MAX_IDENTIFICATION_S),
-        Figure("processor time of that", "s", statistics.median(used_s)),
+        Figure("from the log to the judged model", "s", statistics.median(wall_s), maximum=MAX_IDENTIFICATION_S),
+        Figure("processor time of that", "s", statistics.median(cpu_s_values)),
     )
 
 
 def hour_of_zigzag(seed: int) -> Recording:
     """Return an hour of zigzag at 10 Hz with about the tank's noise."""
     time_s = np.asarray(np.arange(round(HOUR_S / STEP_S)) * STEP_S, np.float64)
-    rudder_rad, still = np.where(time_s % 40.0 < 20.0, 1.0, -1.0) * radians(20.0), np.ones(time_s.size)
+    rudder_rad, ones = np.where(time_s % 40.0 < 20.0, 1.0, -1.0) * radians(20.0), np.ones(time_s.size)
     model = np.array(
         [OCEAN_RAMBLER.turning_ability_1_s, OCEAN_RAMBLER.turning_lag_s, OCEAN_RAMBLER.norrbin_s2, 0.0, 1.0]
     )
-    out = np.empty((2, time_s.size))
-    simulate(model, np.zeros(1), STEP_S * still, time_s == 0.0, rudder_rad, still, out)
+    output = np.empty((2, time_s.size))
+    simulate(model, np.zeros(1), STEP_S * ones, time_s == 0.0, rudder_rad, ones, output)
     noise_rad = radians(0.3) * np.random.default_rng(seed).standard_normal(time_s.size)
-    heading_rad = out[0] + radians(1.5) * np.sin(2.5 * time_s) + noise_rad
+    heading_rad = output[0] + radians(1.5) * np.sin(2.5 * time_s) + noise_rad
     return Recording(f"synthetic {seed}", time_s, rudder_rad, heading_rad, None, None)
 
 
 def swarm(setting: Setting) -> Finding:
-    """Measure an evaluation of the fish swarm whose objective costs next to nothing, in turns with that alone."""
+    """Measure an evaluation of the fish swarm with a cheap objective, in turns with the objective alone."""
     settings = SwarmSettings(fish=50, tries=5, strategy="optimal", iterations=100_000,
                              max_evaluations=setting.evaluations)  # fmt: skip
     points = LOW + np.random.default_rng(SEED).random((settings.fish * settings.tries, LOW.size)) * (HIGH - LOW)
 
     def search() -> float:
         start_s = time.thread_time()
-        found = minimise(_square, LOW, HIGH, settings)
-        return (time.thread_time() - start_s) / found.evaluations
+        result = minimise(_square, LOW, HIGH, settings)
+        return (time.thread_time() - start_s) / result.evaluations
 
     def objective() -> float:
         return _evaluation_s(_square, points, setting.evaluations)

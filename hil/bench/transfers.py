@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as dialect
 
+from hil.bench.background_run import BackgroundRun
 from hil.bench.figure import Figure, Finding
-from hil.bench.machine import steady
-from hil.bench.sea import Sea
+from hil.bench.machine import autopilot_scheduling
 from hil.bench.setting import Setting
 from hil.errors import HilError
 
@@ -38,12 +38,12 @@ _MAX_PAYLOAD = 255
 def measure(setting: Setting) -> Finding:
     """List the parameters several times, upload a mission and download it."""
     port = _free_port()
-    with Sea(setting.directory / "transfers", links=(f"udpin:127.0.0.1:{port}",)) as sea:
-        sea.listen(SETTLE_S)
+    with BackgroundRun(setting.directory / "transfers", links=(f"udpin:127.0.0.1:{port}",)) as background_run:
+        background_run.listen(SETTLE_S)
         station = Requester(port)
         try:
-            with steady():
-                count, list_s = _list(station)
+            with autopilot_scheduling():
+                count, list_s = _list_parameters(station)
                 up_s, down_s = _upload(station), _download(station)
         finally:
             station.close()
@@ -57,15 +57,15 @@ def measure(setting: Setting) -> Finding:
 
 
 def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free_socket:
+        free_socket.bind(("127.0.0.1", 0))
+        return int(free_socket.getsockname()[1])
 
 
-def _list(station: Requester) -> tuple[int, float]:
+def _list_parameters(station: Requester) -> tuple[int, float]:
     """Return the number of parameters and the median time of a list in seconds."""
     frame = station.pack(dialect.MAVLink_param_request_list_message(1, 1))
-    taken_s = []
+    durations_s = []
     count = 0
     for _ in range(LISTS):
         rows: set[int] = set()
@@ -76,15 +76,15 @@ def _list(station: Requester) -> tuple[int, float]:
                 count = int.from_bytes(message.payload[4:6], "little")
                 rows.add(int.from_bytes(message.payload[6:8], "little"))
                 if len(rows) == count:
-                    taken_s.append(time.monotonic() - start_s)
+                    durations_s.append(time.monotonic() - start_s)
                     break
-    if len(taken_s) < LISTS // 2:
-        raise HilError(f"{LISTS - len(taken_s)} of {LISTS} parameter lists were incomplete")
-    return count, statistics.median(taken_s)
+    if len(durations_s) < LISTS // 2:
+        raise HilError(f"{LISTS - len(durations_s)} of {LISTS} parameter lists were incomplete")
+    return count, statistics.median(durations_s)
 
 
 def _upload(station: Requester) -> float:
-    """Return the seconds for a mission, from its count to the acknowledgement; NaN when it is not accepted."""
+    """Return the time in seconds from the count of a mission to its acknowledgement; NaN if it is not accepted."""
     items = [
         station.pack(
             dialect.MAVLink_mission_item_int_message(
@@ -106,14 +106,14 @@ def _upload(station: Requester) -> float:
         if reply is None:
             return math.nan
         if reply.number == _ACK:
-            accepted = reply.payload[2] == dialect.MAV_MISSION_ACCEPTED and row == ITEMS
-            return time.monotonic() - start_s if accepted else math.nan
+            is_accepted = reply.payload[2] == dialect.MAV_MISSION_ACCEPTED and row == ITEMS
+            return time.monotonic() - start_s if is_accepted else math.nan
         frame = items[row]
         row += 1
 
 
 def _download(station: Requester) -> float:
-    """Return the seconds for a mission, from the request to the last item; NaN when it is not complete."""
+    """Return the time in seconds from the request of a mission to its last item; NaN if it is incomplete."""
     requests = [station.pack(dialect.MAVLink_mission_request_int_message(1, 1, row, 0)) for row in range(ITEMS)]
     start_s = time.monotonic()
     frame = station.pack(dialect.MAVLink_mission_request_list_message(1, 1, 0))
@@ -128,20 +128,20 @@ def _download(station: Requester) -> float:
 
         if station.request(request, matches) is None:
             return math.nan
-    taken_s = time.monotonic() - start_s
+    durations_s = time.monotonic() - start_s
     station.send(station.pack(dialect.MAVLink_mission_ack_message(1, 1, 0, 0)))
-    return taken_s
+    return durations_s
 
 
 class Message(NamedTuple):
-    """A received message: its number, and its payload with the zeros at the end."""
+    """A received message: its number, and its payload with trailing zeros."""
 
     number: int
     payload: bytes
 
 
 class Requester:
-    """A ground station on a `udpin` link that sends each request right after the last reply, at little cost."""
+    """A ground station on a `udpin` link that sends each request immediately after the last reply."""
 
     def __init__(self, port: int) -> None:
         """Open a socket to the link."""
@@ -163,30 +163,30 @@ class Requester:
         self._socket.send(frame)
 
     def listen(self, seconds: float) -> Iterator[Message]:
-        """Yield messages until none has arrived for this time."""
+        """Yield messages until none arrives within this time."""
         while select.select([self._socket], [], [], seconds)[0]:
-            yield from walk(self._socket.recv(_READ_BYTES))
+            yield from parse_datagram(self._socket.recv(_READ_BYTES))
 
     def request(self, frame: bytes, matches: Callable[[Message], bool]) -> Message | None:
-        """Send a frame, repeatedly without a reply; return the reply, or None."""
+        """Send a frame and repeat it until a reply arrives; return the reply, or None."""
         for _ in range(RETRIES):
             self.send(frame)
             end_s = time.monotonic() + RETRY_S
-            while (left_s := end_s - time.monotonic()) > 0.0:
-                if not select.select([self._socket], [], [], left_s)[0]:
+            while (remaining_s := end_s - time.monotonic()) > 0.0:
+                if not select.select([self._socket], [], [], remaining_s)[0]:
                     break
-                for message in walk(self._socket.recv(_READ_BYTES)):
+                for message in parse_datagram(self._socket.recv(_READ_BYTES)):
                     if matches(message):
                         return message
         return None
 
 
-def walk(data: bytes) -> Iterator[Message]:
+def parse_datagram(data: bytes) -> Iterator[Message]:
     """Yield the MAVLink 2 messages of a datagram; the sender is trusted, so checksums are not verified."""
-    place = 0
-    while place + _HEADER <= len(data) and data[place] == _MARKER:
-        size = data[place + 1]
-        number = int.from_bytes(data[place + 7 : place + 10], "little")
-        start = place + _HEADER
+    offset = 0
+    while offset + _HEADER <= len(data) and data[offset] == _MARKER:
+        size = data[offset + 1]
+        number = int.from_bytes(data[offset + 7 : offset + 10], "little")
+        start = offset + _HEADER
         yield Message(number, data[start : start + size].ljust(_MAX_PAYLOAD, b"\0"))
-        place = start + size + _CHECKSUM + (_SIGNATURE if data[place + 2] & 1 else 0)
+        offset = start + size + _CHECKSUM + (_SIGNATURE if data[offset + 2] & 1 else 0)

@@ -61,41 +61,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure and print; a missed target is marked in the table and is no error."""
+    """Measure and print; the table marks missed targets, which are no error."""
     _check(arguments)
     entries = {} if arguments.against is None else figure_file.read("--against", arguments.against)
     baseline = over_time.baseline_of(entries)
     names = tuple(dict.fromkeys(arguments.only or TABLE))
     if arguments.against is not None:
-        names = tuple(over_time.measured_in(baseline, names))
-    found = circumstances()
-    print(text_of(found), flush=True)
-    make = quick if arguments.quick else thorough
-    # SIGTERM unwinds like Ctrl-C, so that no autopilot keeps running.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        names = tuple(over_time.measurements_in(baseline, names))
+    machine = circumstances()
+    print(text_of(machine), flush=True)
+    make_setting = quick if arguments.quick else thorough
+    # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that no autopilot keeps running.
+    previous_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with tempfile.TemporaryDirectory(prefix="rambler-bench-", dir=arguments.dir) as directory:
-            setting = make(Path(directory).resolve())
-            findings = _measured(names, setting, arguments.repeat)
+            setting = make_setting(Path(directory).resolve())
+            findings = _measure(names, setting, arguments.repeat)
             print(table(tuple(findings.values())), flush=True)
             other_machines = {
-                where for key in baseline if not same_machine(where := str(entries[key].get("machine")), found)
+                name_of_machine
+                for key in baseline
+                if not same_machine(name_of_machine := str(entries[key].get("machine")), machine)
             }
-            same_counts = all(same_python(str(entries[key].get("machine")), found) for key in baseline)
-            worse = _compared(baseline, findings, setting, sorted(other_machines), same_counts=same_counts)
+            same_counts = all(same_python(str(entries[key].get("machine")), machine) for key in baseline)
+            worse_names = _compare_with_baseline(
+                baseline, findings, setting, sorted(other_machines), same_counts=same_counts
+            )
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous_handler)
     if arguments.json is not None:
-        arguments.json.write_text(as_json(tuple(findings.values()), found), encoding="utf-8")
+        arguments.json.write_text(as_json(tuple(findings.values()), machine), encoding="utf-8")
     if arguments.figures is not None:
         options = " --quick" if arguments.quick else ""
         options += f" --repeat {arguments.repeat}" if arguments.repeat > 1 else ""
-        merge(arguments.figures, as_entries(findings, origin("rambler-hil bench" + options, text_of(found))))
-    return 1 if worse else 0
+        merge(arguments.figures, as_entries(findings, origin("rambler-hil bench" + options, text_of(machine))))
+    return 1 if worse_names else 0
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Check outputs and options before the measurements, which take minutes."""
+    """Check outputs and options before the long measurements."""
     if not (arguments.dir.is_dir() and os.access(arguments.dir, os.W_OK)):
         raise UsageError(f"--dir {arguments.dir} is not a writable directory; give another")
     if not 1 <= arguments.repeat <= MAX_REPEATS:
@@ -104,20 +108,20 @@ def _check(arguments: argparse.Namespace) -> None:
     figure_file.check("--figures", arguments.figures)
 
 
-def _measured(names: Sequence[str], setting: Setting, repeats: int) -> dict[str, Finding]:
-    """Make all measurements in rounds, so that a busy minute affects only one repeat of a figure."""
-    found: dict[str, list[Finding]] = {name: [] for name in names}
+def _measure(names: Sequence[str], setting: Setting, repeats: int) -> dict[str, Finding]:
+    """Make all measurements in rounds, so that a temporary load affects only one repeat of a figure."""
+    machine: dict[str, list[Finding]] = {name: [] for name in names}
     report, total = progress.task_progress(sys.stderr, time.monotonic), repeats * len(names)
-    for turn in range(repeats):
-        for number, name in enumerate(names, start=turn * len(names)):
+    for round_number in range(repeats):
+        for number, name in enumerate(names, start=round_number * len(names)):
             report(f"{number + 1} of {total}: {TABLE[name].text} ...", number / total)
             with tempfile.TemporaryDirectory(dir=setting.directory) as directory:
-                found[name].append(TABLE[name].measure(setting.within(Path(directory))))
+                machine[name].append(TABLE[name].measure(setting.with_directory(Path(directory))))
     report("", 1.0)
-    return {name: over_time.median(each) for name, each in found.items()}
+    return {name: over_time.median(comparison) for name, comparison in machine.items()}
 
 
-def _compared(
+def _compare_with_baseline(
     baseline: Baseline,
     findings: Mapping[str, Finding],
     setting: Setting,
@@ -138,16 +142,16 @@ def _compared(
     if other_machines:
         except_counts = " except counts" if same_counts else ""
         print(f"  no verdict{except_counts}: baseline of another machine ({'; '.join(other_machines)})", flush=True)
-        verdicts = [each for each in verdicts if each.counted and same_counts]
-    worse = {(each.measurement, each.name) for each in verdicts if each.worse}
+        verdicts = [comparison for comparison in verdicts if comparison.is_count and same_counts]
+    worse_names = {(comparison.measurement, comparison.name) for comparison in verdicts if comparison.is_worse}
     for _ in range(over_time.WORSE_IN_A_ROW - 1):
-        if not worse:
+        if not worse_names:
             break
         print("\nRepeated, because worse")
-        names = tuple(dict.fromkeys(measurement for measurement, _ in worse))
-        again = over_time.compare(baseline, _measured(names, setting, 1))
-        for verdict in again:
-            if (verdict.measurement, verdict.name) in worse:
+        names = tuple(dict.fromkeys(measurement for measurement, _ in worse_names))
+        repeated = over_time.compare(baseline, _measure(names, setting, 1))
+        for verdict in repeated:
+            if (verdict.measurement, verdict.name) in worse_names:
                 print(verdict.text, flush=True)
-        worse &= {(each.measurement, each.name) for each in again if each.worse}
-    return bool(worse)
+        worse_names &= {(comparison.measurement, comparison.name) for comparison in repeated if comparison.is_worse}
+    return bool(worse_names)

@@ -12,7 +12,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from firmware_py.common.angles import compass_degrees, degrees
-from hil.cli.run_end import reported
+from hil.cli.run_end import report_at_end
 from hil.cli.sea_arguments import (
     SCENARIO_NAMES,
     adapters_of,
@@ -37,7 +37,7 @@ from hil.sim.vehicle_file import file_text
 DEFAULT_SEA = "sea"
 DEFAULT_LINK = "udpin:127.0.0.1:14550"
 MAX_SECONDS = 1e7
-BOAT = "boat"  # suggested state directory of the autopilot; the command never removes it
+STATE_NAME = "boat"  # suggested state directory of the autopilot, which this command never removes
 REPORT_S = 10.0
 POLL_S = 0.1
 
@@ -57,14 +57,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the devices until the end and report the boat's state at intervals; write summary and page."""
-    options = _options(arguments)
+    """Serve the devices until the end and print the state of the boat at intervals; write summary and page."""
+    options = _read_options(arguments)
     directory = options.out
     with ExitStack() as stack:
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
         stack.enter_context(interruptible())
         stack.enter_context(locked_directory(directory))
-        stack.enter_context(reported(directory))
+        stack.enter_context(report_at_end(directory))
         book = stack.enter_context(recorded_run(options, time.time()))
         devices = make_emulators(book.world, options.vehicle, options.seed)
         lines = stack.enter_context(open_adapters(adapters_of(arguments), devices, options.vehicle))
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _options(arguments: argparse.Namespace) -> RunOptions:
+def _read_options(arguments: argparse.Namespace) -> RunOptions:
     vehicle = vehicle_of(arguments)
     if not vehicle.link_urls:
         vehicle = replace(vehicle, link_urls=(DEFAULT_LINK,))
@@ -98,16 +98,17 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
 def _print_ports(directory: Path, board: Board, lines: Mapping[str, SerialLine]) -> None:
     for name, path in board.paths().items():
         print(f"{name}: {'on the adapter' if name in lines else path}")
-    file = directory / VEHICLE_NAME
-    print(f"next:  rambler listen {file}   rambler check {file}   rambler run {file} --state {directory / BOAT}")
+    vehicle_path = directory / VEHICLE_NAME
+    run_words = f"rambler run {vehicle_path} --state {directory / STATE_NAME}"
+    print(f"next:  rambler listen {vehicle_path}   rambler check {vehicle_path}   {run_words}")
     print("Ctrl-C ends the run", flush=True)
 
 
-def _serve(board: Board, end_s: float, stopped: Callable[[], bool]) -> float:
-    """Serve to the end, or until a signal; return the duration."""
+def _serve(board: Board, end_s: float, is_stopped: Callable[[], bool]) -> float:
+    """Serve until the end or a signal; return the duration."""
     server, world = RealTimeServer(board), board.world
     report_s = 0.0
-    while (now_s := server.now_s()) < end_s and not stopped():
+    while (now_s := server.now_s()) < end_s and not is_stopped():
         server.serve(min(end_s, now_s + POLL_S))
         if now_s >= report_s:
             report_s = now_s + REPORT_S

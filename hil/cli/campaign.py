@@ -45,27 +45,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command of the first word; any other word is a specification."""
-    first, *more = arguments.words
-    act, names = ACTS.get(first, (_sail, ()))
-    words = more if first in ACTS else arguments.words
-    if first not in ACTS:
+    first_word, *arguments_after = arguments.words
+    action, names = ACTIONS.get(first_word, (_run_campaign, ()))
+    words = arguments_after if first_word in ACTIONS else arguments.words
+    if first_word not in ACTIONS:
         names = ("SPEC",)
     if len(words) != len(names):
-        raise UsageError(f"{' '.join(arguments.words)[:80]}: give {' or '.join(map(_usage, ('', *ACTS)))}")
-    _check(first, words, arguments)
+        raise UsageError(f"{' '.join(arguments.words)[:80]}: give {' or '.join(map(_syntax, ('', *ACTIONS)))}")
+    _check(first_word, words, arguments)
     # Checked before the first run, not after it.
     for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
         imported(package)
-    return act(words, arguments)
+    return action(words, arguments)
 
 
-def _check(first: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
+def _check(first_word: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
     """Check the command line before packages are imported and connections are made."""
-    if first == REPLAY:
-        _number(words[1])
-    if first in ACTS:
+    if first_word == REPLAY:
+        _parse_index(words[1])
+    if first_word in ACTIONS:
         if arguments.resume or arguments.scheduler is not None:
-            raise UsageError(f"{first} does not take --resume or --scheduler; remove them")
+            raise UsageError(f"{first_word} does not take --resume or --scheduler; remove them")
         return
     if not 1 <= arguments.workers <= MAX_WORKERS:
         raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MAX_WORKERS}")
@@ -73,18 +73,18 @@ def _check(first: str, words: Sequence[str], arguments: argparse.Namespace) -> N
         check_address(arguments.scheduler)
 
 
-def _number(word: str) -> int:
+def _parse_index(word: str) -> int:
     try:
         return int(word)
     except ValueError:
         raise UsageError(f"{word[:30]!r} is not the number of a run") from None
 
 
-def _usage(name: str) -> str:
-    return " ".join((name, *ACTS[name][1])) if name else "SPEC"
+def _syntax(name: str) -> str:
+    return " ".join((name, *ACTIONS[name][1])) if name else "SPEC"
 
 
-def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
+def _run_campaign(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Run a campaign."""
     workers = Workers(arguments.workers, arguments.scheduler)
     path = Path(words[0])
@@ -107,14 +107,14 @@ def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Repeat one run of a campaign; return 1 if the results differ."""
     from hil.lab.campaign import replay  # noqa: PLC0415 - only needed here
 
-    index = _number(words[1])
-    found = replay.replay(Path(words[0]), index, arguments.out)
-    for line in found.differences:
+    index = _parse_index(words[1])
+    result = replay.replay(Path(words[0]), index, arguments.out)
+    for line in result.differences:
         print(f"run {index}: {line}")
-    if not found.differences:
+    if not result.differences:
         print(f"run {index}: identical to the last bit")
-    print(f"report: {found.page}")
-    return 1 if found.differences else 0
+    print(f"report: {result.page}")
+    return 1 if result.differences else 0
 
 
 def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
@@ -122,15 +122,15 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     from hil.lab.campaign import compare, compare_page  # noqa: PLC0415 - only needed here
 
     check_free(arguments.out, (CAMPAIGN, run_file.NAME))
-    first, second = (store.read_results(Path(word)) for word in words)
-    found = compare.compare(first, second)
+    first_word, second = (store.read_results(Path(word)) for word in words)
+    result = compare.compare(first_word, second)
     with locked_directory(arguments.out):
-        store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(found), indent=2) + "\n").encode())
-        store.write_file(arguments.out / store.PAGE, compare_page.text(first, second, found).encode())
-    rows = compare_page.cells(found)
+        store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(result), indent=2) + "\n").encode())
+        store.write_file(arguments.out / store.PAGE, compare_page.text(first_word, second, result).encode())
+    rows = compare_page.cells(result)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    print(compare_page.lead(first, second, found))
-    for line in compare_page.versions_that_differ(first, second):
+    print(compare_page.lead(first_word, second, result))
+    for line in compare_page.versions_that_differ(first_word, second):
         print(line)
     for name, *cells in rows:
         print("  ".join((name.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip())
@@ -139,7 +139,7 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
 
 
 # Commands of the first word, and their arguments.
-ACTS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
+ACTIONS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
     REPLAY: (_replay, ("DIR", "ROW")),
     "compare": (_compare, ("DIR", "DIR")),
 }

@@ -76,10 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
     figure_file.check("--figures", arguments.figures)
     if not all(0.1 <= price <= 10.0 for price in arguments.prices):
         raise UsageError("--prices: give numbers from 0.1 to 10")
-    known = {"paper": PAPER, "pid": PID, "ours": OURS}
-    chosen: list[Controller] = [known[name] for name in arguments.only or known]
+    controllers_by_name = {"paper": PAPER, "pid": PID, "ours": OURS}
+    selected: list[Controller] = [controllers_by_name[name] for name in arguments.only or controllers_by_name]
     with progress.progress_line(sys.stderr, time.monotonic) as report:
-        controllers = [*chosen, *map(with_price, arguments.prices)]
+        controllers = [*selected, *map(with_price, arguments.prices)]
         rows = compare(task, controllers, lambda done, total, last: report(done, total, done, last))
     limits = _limits(rows) if arguments.limit else None
     print(text(rows, limits))
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
-    """Return the limit of each row at its travel, with compass alone and with a receiver; None if unknown."""
+    """Return the limits of each row at its rudder travel, without and with a receiver; None if unknown."""
     from hil.lab.compare.limit import at_travel, is_exact_for, limits  # noqa: PLC0415 - scipy is slow to import
 
     seas = {row.scenario: scenarios.parse_scenario(row.scenario) for row in rows}
@@ -104,21 +104,21 @@ def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
         if is_exact_for(sea)
     }
 
-    def of(row: Row) -> tuple[float, float] | None:
+    def limit_of_row(row: Row) -> tuple[float, float] | None:
         if row.scenario not in curves:
             return None
         compass_alone, receiver = (at_travel(curve, row.mean.travel_deg_per_h) for curve in curves[row.scenario])
         return compass_alone, receiver
 
-    return [of(row) for row in rows]
+    return [limit_of_row(row) for row in rows]
 
 
 def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None) -> str:
     """Return the tables for the terminal, with the limits beside the rows."""
     width = max(len(row.controller.name) for row in rows)
     seeds = len(rows[0].scores)
-    about = f"(mean of {seeds} seeds, and the largest rms; steady from 200 s after a goal)"
-    lines = [f"{'':{width}}  {'  '.join(COLUMNS)}   {about}"]
+    note = f"(mean of {seeds} seeds, and the largest rms; steady from 200 s after a goal)"
+    lines = [f"{'':{width}}  {'  '.join(COLUMNS)}   {note}"]
     scenario = ""
     for number, row in enumerate(rows):
         if row.scenario != scenario:
@@ -127,7 +127,7 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
         mean = row.mean
         cells = (
             f"{mean.rms_deg:.2f}",
-            f"{max(one.rms_deg for one in row.scores):.2f}",
+            f"{max(score.rms_deg for score in row.scores):.2f}",
             f"{mean.travel_deg_per_h:.0f}",
             f"{mean.mean_deg:+.2f}",
             f"{mean.overshoot_deg:.1f}",
@@ -137,8 +137,8 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
         if limits is not None and (limit := limits[number]) is not None:
             compass_alone, receiver = limit
             numbers += f"   limit {compass_alone:.2f} deg, with a receiver {receiver:.2f}"
-        by = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
-        lines.append(f"{row.controller.name:{width}}  {numbers}{by}")
+        engine_note = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
+        lines.append(f"{row.controller.name:{width}}  {numbers}{engine_note}")
     return "\n".join(lines)
 
 

@@ -44,68 +44,68 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the drills and print each outcome when it ends, then a summary."""
-    chosen = _chosen(arguments)
+    selected = _select_cases(arguments)
     outputs.check("--json", arguments.json)
     outputs.check("--page", arguments.page)
     if arguments.list:
-        print("\n".join(f"{case.name}: {case.moment}" for case in chosen))
+        print("\n".join(f"{case.name}: {case.moment}" for case in selected))
         return 0
     outcomes = []
-    for outcome in _sailed(chosen, arguments.jobs):
+    for outcome in _run_cases(selected, arguments.jobs):
         outcomes.append(outcome)
-        print(f"{len(outcomes):4d} of {len(chosen)}  {'  '.join(_cells(outcome))}".rstrip(), flush=True)
-    missed = [outcome for outcome in outcomes if outcome.misses]
-    wall_s, sailed_s = sum(one.wall_s for one in outcomes), sum(one.sailed_s for one in outcomes)
-    print(f"{len(outcomes)} drills, {len(missed)} failed; {sailed_s / 3600.0:.1f} h simulated in {wall_s:.0f} s")
+        print(f"{len(outcomes):4d} of {len(selected)}  {'  '.join(_cells(outcome))}".rstrip(), flush=True)
+    failed = [outcome for outcome in outcomes if outcome.misses]
+    wall_s, sailed_s = sum(item.wall_s for item in outcomes), sum(item.sailed_s for item in outcomes)
+    print(f"{len(outcomes)} drills, {len(failed)} failed; {sailed_s / 3600.0:.1f} h simulated in {wall_s:.0f} s")
     if arguments.json is not None:
         rows = [{JSON_KEYS.get(key, key): value for key, value in asdict(outcome).items()} for outcome in outcomes]
         text = json.dumps(rows, indent=2)
         outputs.write("--json", arguments.json, text + "\n")
     if arguments.page is not None:
         outputs.write("--page", arguments.page, _page(outcomes))
-    return 1 if missed else 0
+    return 1 if failed else 0
 
 
-def _chosen(arguments: argparse.Namespace) -> list[Case]:
+def _select_cases(arguments: argparse.Namespace) -> list[Case]:
     if arguments.jobs < 1 or arguments.seed < 0:
         raise UsageError("--jobs and --seed are whole numbers from 1 and from 0 up")
-    chosen = [
+    selected = [
         case
         for case in cases(BOOK, arguments.seed, pairs=arguments.pairs)
         if (not arguments.only or any(word in case.name for word in arguments.only))
         and (not arguments.moment or case.moment in arguments.moment)
     ]
-    if not chosen:
+    if not selected:
         raise UsageError("no drill matches; rambler-hil drill --list names them")
-    return chosen
+    return selected
 
 
-def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
-    """Yield the outcomes in order."""
+def _run_cases(selected: Sequence[Case], jobs: int) -> Iterator[Outcome]:
+    """Run the cases and yield their outcomes in order."""
     try:
         if jobs == 1:
             with interruptible():
-                yield from map(sail, chosen)
+                yield from map(sail, selected)
             return
-        with interruptible(), processes(min(jobs, len(chosen)), "fork") as pool:
-            yield from pool.map(_sail_in_process, map(_names, chosen))
+        with interruptible(), processes(min(jobs, len(selected)), "fork") as pool:
+            yield from pool.map(_run_in_process, map(_names_of, selected))
     except KeyboardInterrupt:
         print("rambler-hil: interrupted", file=sys.stderr)
         raise
 
 
-def _names(case: Case) -> tuple[tuple[str, ...], str, int]:
-    """Return names by which another process finds the case; its functions cannot be pickled."""
+def _names_of(case: Case) -> tuple[tuple[str, ...], str, int]:
+    """Return the names by which another process finds the case, because functions cannot be pickled."""
     return tuple(drill.name for drill in case.drills), case.moment, case.seed
 
 
-def _sail_in_process(names: tuple[tuple[str, ...], str, int]) -> Outcome:
-    return in_process(_sail_by_names, names)
+def _run_in_process(names: tuple[tuple[str, ...], str, int]) -> Outcome:
+    return in_process(_run_by_names, names)
 
 
-def _sail_by_names(names: tuple[tuple[str, ...], str, int]) -> Outcome:
+def _run_by_names(names: tuple[tuple[str, ...], str, int]) -> Outcome:
     drills, moment, seed = names
-    return sail(Case(tuple(one for name in drills for one in BOOK if one.name == name), moment, seed))
+    return sail(Case(tuple(item for name in drills for item in BOOK if item.name == name), moment, seed))
 
 
 def _cells(outcome: Outcome) -> tuple[str, ...]:
@@ -124,8 +124,8 @@ def _times(times_s: Sequence[float | None]) -> str:
 
 
 def _page(outcomes: Sequence[Outcome]) -> str:
-    missed = sum(bool(outcome.misses) for outcome in outcomes)
-    count = f"{len(outcomes)} drills, {missed} failed."
+    failed = sum(bool(outcome.misses) for outcome in outcomes)
+    count = f"{len(outcomes)} drills, {failed} failed."
     return page.page(
         "Fault drills", [page.paragraph(f"{LEAD} {count}", "lead"), page.table([COLUMNS, *map(_cells, outcomes)])]
     )

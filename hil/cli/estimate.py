@@ -1,4 +1,4 @@
-"""`rambler-hil estimate`: run the autopilot's estimators and monitors over a recording."""
+"""`rambler-hil estimate`: run the estimators and monitors of the autopilot over a recording."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check("--json", None if to_stdout else arguments.json)
     outputs.check("--page", arguments.page)
     ship = {} if arguments.ship is None else boat.read_ship(arguments.ship)
-    given = dict(load(arguments.vehicle).parameters) if arguments.vehicle is not None else {}
+    overrides = dict(load(arguments.vehicle).parameters) if arguments.vehicle is not None else {}
     if arguments.params is not None:
-        given |= boat.read_parameters(arguments.params)
+        overrides |= boat.read_parameters(arguments.params)
     recording = _read(arguments.recording)
-    parameters, notes = boat.parameters_for(recording, given, ship)
+    parameters, notes = boat.parameters_for(recording, overrides, ship)
     report = progress.task_progress(sys.stderr, time.monotonic)
     estimates = run_ticks(parameters, recording, lambda done, total: report("estimating", done / total))
     predictions = predict(estimates)

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check("--out-params", arguments.out_params)
     sources = [Source.parse(text) for text in (*arguments.train, *arguments.validate)]
     angular = arguments.rudder_unit != "any"
-    began_s = time.monotonic()
+    start_s = time.monotonic()
     recordings = _read(sources, arguments.rudder_unit)
     train, validate = recordings[: len(arguments.train)], recordings[len(arguments.train) :]
     with _Progress() as progress:
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
             angular=angular,
             report=progress.report,
         )
-    seconds = time.monotonic() - began_s
+    seconds = time.monotonic() - start_s
     text = report.as_text(result, angular=angular)
     if arguments.json is not None:
         data = report.as_json(result, seconds)
@@ -162,7 +162,7 @@ class _Progress:
 
     def __init__(self) -> None:
         self._is_terminal = sys.stderr.isatty()
-        self._began_s = self._last_s = time.monotonic()
+        self._start_s = self._last_s = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
@@ -177,5 +177,5 @@ class _Progress:
         now_s = time.monotonic()
         if self._is_terminal and not being_compiled() and now_s - self._last_s >= PROGRESS_INTERVAL_S:
             self._last_s = now_s
-            sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
+            sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._start_s:.1f} s")
             sys.stderr.flush()

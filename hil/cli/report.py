@@ -30,23 +30,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page and print its path."""
-    first = arguments.places[0]
-    if arguments.out is None and len(arguments.places) == 1 and (first / run_file.NAME).exists():
-        with run_directory.locked_directory(first):
-            figures, report = run_page.make(first)
+    first_path = arguments.places[0]
+    if arguments.out is None and len(arguments.places) == 1 and (first_path / run_file.NAME).exists():
+        with run_directory.locked_directory(first_path):
+            figures, report = run_page.make(first_path)
         print(figures_text(figures))
         print(f"report: {report}")
         return 0
-    for place in arguments.places:
-        if (place / run_directory.TRUTH_FILE).exists() and not (place / run_file.NAME).exists():
+    for path in arguments.places:
+        if (path / run_directory.TRUTH_FILE).exists() and not (path / run_file.NAME).exists():
             print(
-                f"rambler-hil: {place}: no {run_file.NAME}, because an old version made the run: the page shows its"
+                f"rambler-hil: {path}: no {run_file.NAME}, because an old version made the run: the page shows its"
                 " logs only, not the truth",
                 file=sys.stderr,
             )
     target = arguments.out or PAGE
     outputs.check("--out", target)
-    if target.exists() and any(place.exists() and place.samefile(target) for place in arguments.places):
+    if target.exists() and any(path.exists() and path.samefile(target) for path in arguments.places):
         raise UsageError(f"--out {target} is one of the logs; give another file")
     field_page.write(arguments.places, target)
     print(f"report: {target}")

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the chain and print the table; return 1 if a row misses."""
+    """Run the chain and print the table; return 1 if a row does not match."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     out = arguments.out
@@ -45,9 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     with locked_directory(out):
         chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, report_progress)
         report_progress("", 1.0)
-        found = results(chain)
-        print(text(found))
+        chain_results = results(chain)
+        print(text(chain_results))
         from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
 
-        print(f"report: {page.write(chain, found, out)}")
-    return 0 if all_match(found.rows) else 1
+        print(f"report: {page.write(chain, chain_results, out)}")
+    return 0 if all_match(chain_results.rows) else 1

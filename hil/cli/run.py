@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from hil.cli.run_end import reported
+from hil.cli.run_end import report_at_end
 from hil.cli.sea_arguments import (
     RUNS,
     SCENARIO_NAMES,
@@ -108,13 +108,13 @@ def _add_autopilot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a run; write and print its summary and its page, however it ends."""
+    """Make a run; write and print its summary and page, also if it ends early."""
     options = read_options(arguments)
     if bool(adapters_of(arguments)) != (arguments.remote is not None) or (arguments.remote and options.lockstep):
         raise UsageError("give adapter ports (--compass-port, ...) and --remote together, with --speed real")
     if options.play:
         print(f"the autopilot listens on {' and '.join(options.links)}; Ctrl-C ends the run", flush=True)
-    with run_directory.locked_directory(options.out), interruptible(), reported(options.out):
+    with run_directory.locked_directory(options.out), interruptible(), report_at_end(options.out):
         if arguments.remote is None:
             runner.run(options)
         else:
@@ -123,7 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read_options(arguments: argparse.Namespace) -> RunOptions:
-    """Check the command line, or raise UsageError."""
+    """Return the options of a command line; raise UsageError for invalid ones."""
     mode = GUIDED if arguments.mode is None else MODES[arguments.mode]
     scenario = sea_of(arguments)
     goals = goals_of(arguments.goal or (DEFAULT_GOALS if mode == GUIDED and not arguments.play else ""))
@@ -140,7 +140,7 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         out=out,
         speed=_speed(arguments.speed),
         seed=arguments.seed,
-        goals=_within(goals, seconds) if goals else (),
+        goals=_goals_before_end(goals, seconds) if goals else (),
         vehicle=vehicle_of(arguments),
         settings=parse_settings(arguments.settings),
         links=tuple(arguments.link) or (PLAY_LINKS if arguments.play else ()),
@@ -174,10 +174,10 @@ def _seconds(arguments: argparse.Namespace, goals: tuple[Goal, ...]) -> float:
     return seconds_of(arguments.seconds, MAX_SECONDS)
 
 
-def _within(goals: tuple[Goal, ...], seconds: float) -> tuple[Goal, ...]:
-    kept = tuple(goal for goal in goals if goal.t_s < seconds)
-    if len(kept) < len(goals):
+def _goals_before_end(goals: tuple[Goal, ...], seconds: float) -> tuple[Goal, ...]:
+    goals_before_end = tuple(goal for goal in goals if goal.t_s < seconds)
+    if len(goals_before_end) < len(goals):
         print(f"rambler-hil: run ends at {seconds:g} s: later goals are ignored; increase --seconds", file=sys.stderr)
-    if not kept:
+    if not goals_before_end:
         raise UsageError(f"no goal before the end of the run at {seconds:g} s; increase --seconds")
-    return kept
+    return goals_before_end

@@ -1,4 +1,4 @@
-"""The end of a command that makes a run: summary and page of the data so far, however it ends."""
+"""Summary and page at the end of a command that makes a run, complete or not."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from hil.sim import run_file
 
 
 @contextmanager
-def reported(out: Path) -> Iterator[None]:
-    """Write and print summary and page of the run in a directory; of an interrupted run if it had begun."""
-    before = _record_of(out)
+def report_at_end(out: Path) -> Iterator[None]:
+    """Write and print summary and page of the run in a directory; after a failure only if the run had begun."""
+    previous = _file_identity(out)
     try:
         yield
-    except UsageError:  # the run has not begun
+    except UsageError:  # raised before the run has begun
         raise
     except BaseException as error:
-        if _record_of(out) not in (None, before):
+        if _file_identity(out) not in (None, previous):
             _report_partial(out, interrupted=isinstance(error, KeyboardInterrupt))
         raise
     _print(*run_page.make(out))
 
 
-def _record_of(out: Path) -> tuple[int, int] | None:
+def _file_identity(out: Path) -> tuple[int, int] | None:
     try:
-        found = (out / run_file.NAME).stat()
+        status = (out / run_file.NAME).stat()
     except OSError:
         return None
-    return found.st_ino, found.st_mtime_ns
+    return status.st_ino, status.st_mtime_ns
 
 
 def _report_partial(out: Path, *, interrupted: bool) -> None:

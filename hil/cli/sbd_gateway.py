@@ -21,10 +21,10 @@ from hil.shore.web import Inbox, Sender
 from hil.sim.signals import stopped_by_signal
 
 DEFAULT_STATION = "udpout:127.0.0.1:14550"
-_POLL_S = 0.5
-_PAUSE_S = 0.02
-_TRIES, _TRY_S = 20, 30.0
-_MAX_ORDERS = 50  # of a station at once
+_POLL_DIRECTORY_S = 0.5
+_POLL_STATION_S = 0.02
+_MAX_TRIES, _RETRY_S = 20, 30.0
+_MAX_COMMANDS = 50  # of a station at once
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,10 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class StationLink:
-    """A ground station through pymavlink; messages to it are signed if there is a key."""
+    """Link to a ground station by pymavlink; messages to it are signed if there is a key."""
 
     def __init__(self, url: str, key: bytes | None) -> None:
-        """Open the link, or raise UsageError."""
+        """Open the link; raise UsageError if that fails."""
         os.environ["MAVLINK20"] = "1"  # read by mavutil
         from pymavlink import mavutil  # noqa: PLC0415 - slow to import, and it reads the environment
 
@@ -79,9 +79,9 @@ class StationLink:
             raise UsageError(f"--station {url}: {error}; use udpout:HOST:PORT, udpin, tcp or tcpin") from None
         self._link.mav.robust_parsing = True
         if key is not None:
-            # Accepted commands are sent with the boat's key, so another computer must sign them.
-            local = ":127." in url
-            self._link.setup_signing(key, sign_outgoing=True, allow_unsigned_callback=lambda *_: local)
+            # Accepted commands get the key of the boat, so commands from other computers must be signed.
+            is_local = ":127." in url
+            self._link.setup_signing(key, sign_outgoing=True, allow_unsigned_callback=lambda *_: is_local)
 
     def send(self, message: Any, system: int, component: int) -> None:
         """Send a message with this system and component id."""
@@ -103,7 +103,7 @@ class StationLink:
 
 
 class _Outbox:
-    """Messages to the boat: in a directory, or to the provider's service, with retries in the background."""
+    """Messages to the boat, to a directory or, with retries in the background, to the service of the provider."""
 
     def __init__(self, post: MessagePost, sender: Sender | None) -> None:
         self._post, self._sender = post, sender
@@ -122,17 +122,17 @@ class _Outbox:
             self.problems.append(f"Message not sent: {self._post.directory}: {error.strerror}")
 
     def _send(self, sender: Sender, imei: str, message: bytes) -> None:
-        for _ in range(_TRIES):
+        for _ in range(_MAX_TRIES):
             try:
                 refusal = sender.send(imei, message)
             except (OSError, ValueError) as error:
                 self.problems.append(f"Message not sent, retrying: {error}")
-                time.sleep(_TRY_S)
+                time.sleep(_RETRY_S)
                 continue
             if refusal:
                 self.problems.append(f"Message rejected by the provider: {refusal}")
             return
-        self.problems.append(f"Message not sent after {_TRIES} tries: dropped")
+        self.problems.append(f"Message not sent after {_MAX_TRIES} tries: dropped")
 
     def close(self) -> None:
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -149,19 +149,19 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"directory {arguments.directory}: {error.strerror}; give another") from None
     with contextlib.ExitStack() as stack:
-        stopped = stack.enter_context(stopped_by_signal())
+        is_stopped = stack.enter_context(stopped_by_signal())
         station = stack.enter_context(contextlib.closing(StationLink(arguments.station, key)))
         outbox = stack.enter_context(contextlib.closing(_Outbox(post, _sender_of(arguments))))
         if arguments.http is not None:
-            web = stack.enter_context(contextlib.closing(Inbox(_place_of(arguments.http), inbox)))
+            web = stack.enter_context(contextlib.closing(Inbox(_address_of(arguments.http), inbox)))
             print(f"receiving messages on port {web.port}")
         gateway = Gateway(station, outbox.deliver, _log, key=key, imei=imei)
         print(f"{arguments.directory}: messages of {imei or 'any boat'}; station {arguments.station}", flush=True)
-        poll_s, connected = 0.0, False
-        while not stopped():
+        next_poll_s, has_station = 0.0, False
+        while not is_stopped():
             now_s = time.monotonic()
-            if now_s >= poll_s:
-                poll_s = now_s + _POLL_S
+            if now_s >= next_poll_s:
+                next_poll_s = now_s + _POLL_DIRECTORY_S
                 for sender, _, content in inbox.take():
                     _call_safely(gateway, partial(gateway.receive_message, sender, content))
                 problems = [*inbox.problems, *outbox.problems]
@@ -169,22 +169,22 @@ def run(arguments: argparse.Namespace) -> int:
                 outbox.problems.clear()
                 for problem in problems:
                     gateway.report_problem(problem)
-            for _ in range(_MAX_ORDERS):
+            for _ in range(_MAX_COMMANDS):
                 message = _call_safely(gateway, station.receive)
                 if message is None:
                     break
-                if not connected:
-                    connected = True
+                if not has_station:
+                    has_station = True
                     _call_safely(gateway, gateway.send_last_report)
                 _call_safely(gateway, partial(gateway.receive_command, message, now_s, time.time()))
-            time.sleep(_PAUSE_S)
+            time.sleep(_POLL_STATION_S)
     return 0
 
 
-def _call_safely(gateway: Gateway, work: Callable[[], Any]) -> Any:
-    """Return the result of `work`; report an error, so that the next message is still processed."""
+def _call_safely(gateway: Gateway, function: Callable[[], Any]) -> Any:
+    """Return the result of `function`; report an error, so that the next message is still processed."""
     try:
-        return work()
+        return function()
     except Exception as error:  # noqa: BLE001 - messages come from outside
         gateway.report_problem(f"Message skipped: {type(error).__name__}: {error}")
         return None
@@ -208,13 +208,13 @@ def _key_of(arguments: argparse.Namespace) -> bytes | None:
         print("no --key-file: commands have no key; a boat with a key rejects them", file=sys.stderr)
         return None
     lines = _lines_of(arguments.key_file, "--key-file")
-    words = lines[0] if lines else ""
+    first_line = lines[0] if lines else ""
     if not arguments.hex:
-        if not words:
+        if not first_line:
             raise UsageError(f"--key-file {arguments.key_file}: empty; write the passphrase into its first line")
-        return hashlib.sha256(words.encode()).digest()
+        return hashlib.sha256(first_line.encode()).digest()
     try:
-        key = bytes.fromhex(words)
+        key = bytes.fromhex(first_line)
     except ValueError:
         key = b""
     if len(key) != 32:
@@ -234,7 +234,7 @@ def _sender_of(arguments: argparse.Namespace) -> Sender | None:
     return Sender(arguments.send_url, user, password)
 
 
-def _place_of(text: str) -> tuple[str, int]:
+def _address_of(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or not 0 <= int(port[:6]) <= 65535:
         raise UsageError(f"--http {text[:60]}: write HOST:PORT, as in 127.0.0.1:8080")

@@ -1,4 +1,4 @@
-"""Command-line options for scenario, vehicle and seed."""
+"""Command-line options for scenario, vehicle, seed and adapters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCENARIO_NAMES = ", ".join(row.name for row in scenarios.TABLE)
 
 
 def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
-    """Define the options that all commands with a simulated boat share, except the name of the scenario."""
+    """Define the common options of all commands with a simulated boat, except the name of the scenario."""
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
     parser.add_argument(
         "--current",
@@ -57,7 +57,7 @@ def adapters_of(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def sea_of(arguments: argparse.Namespace) -> Scenario:
-    """Return the scenario of a command line, or raise UsageError."""
+    """Return the scenario of a command line; raise UsageError for an invalid one."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     try:
@@ -77,7 +77,7 @@ def sea_of(arguments: argparse.Namespace) -> Scenario:
 
 
 def goals_of(text: str) -> tuple[Goal, ...]:
-    """Return the goals of a command line, none for an empty text, or raise UsageError."""
+    """Return the goals of a command line, none for an empty text; raise UsageError for an invalid text."""
     try:
         return parse_goals(text) if text else ()
     except GoalError as error:
@@ -85,7 +85,7 @@ def goals_of(text: str) -> tuple[Goal, ...]:
 
 
 def vehicle_of(arguments: argparse.Namespace) -> Vehicle:
-    """Return the vehicle of a command line, or raise UsageError."""
+    """Return the vehicle of a command line; raise UsageError for an invalid file."""
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
     return with_devices(vehicle, arguments.compass, arguments.servo)
 
@@ -111,15 +111,15 @@ def _with_current(scenario: Scenario, text: str) -> Scenario:
     )
 
 
-def seconds_of(seconds: float, longest_s: float) -> float:
-    """Return the length of a run, or raise UsageError."""
-    if not (math.isfinite(seconds) and 0.0 < seconds <= longest_s):
-        raise UsageError(f"--seconds {seconds:g}: give a number of seconds up to {longest_s:g}")
+def seconds_of(seconds: float, max_s: float) -> float:
+    """Return the length of a run; raise UsageError if it is not positive or exceeds max_s."""
+    if not (math.isfinite(seconds) and 0.0 < seconds <= max_s):
+        raise UsageError(f"--seconds {seconds:g}: give a number of seconds up to {max_s:g}")
     return seconds
 
 
 def hide_from_git(directory: Path) -> None:
-    """Create the directory of all runs with a .gitignore; UsageError when that fails."""
+    """Create the directory of all runs with a .gitignore; raise UsageError if that fails."""
     try:
         directory.mkdir(exist_ok=True)
         (directory / ".gitignore").write_text("*\n", encoding="ascii")

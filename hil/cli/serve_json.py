@@ -1,4 +1,4 @@
-"""`rambler-hil serve-json`: ArduPilot's simulated autopilots on our ship, in our seas, with our scores."""
+"""`rambler-hil serve-json`: connect ArduPilot's simulated autopilots to the simulated ship and evaluate their runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contextlib import closing
 from pathlib import Path
 
 from firmware_py.common.angles import radians
-from hil.cli.run_end import reported
+from hil.cli.run_end import report_at_end
 from hil.cli.sea_arguments import (
     RUNS,
     SCENARIO_NAMES,
@@ -33,8 +33,8 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
 
 ADDRESS, PORT = "127.0.0.1", 9002
 DEFAULT_GOALS, DEFAULT_SECONDS, MAX_SECONDS = "0:0,120:60,720:-90", 1320.0, 1e7
-SERVOS = range(1, 17)
-TRAVEL_DEG = (1.0, 45.0)
+SERVO_NUMBERS = range(1, 17)
+TRAVEL_RANGE_DEG = (1.0, 45.0)
 TIMEOUT_S = 60.0
 POLL_S = 0.5
 ROUNDING_S = 1e-6  # the simulated time is a sum of frames
@@ -66,15 +66,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until the end of the run, a timeout or Ctrl-C; write summary and page."""
-    options = _options(arguments)
-    if arguments.steering not in SERVOS or not TRAVEL_DEG[0] <= arguments.travel <= TRAVEL_DEG[1]:
+    options = _read_options(arguments)
+    if arguments.steering not in SERVO_NUMBERS or not TRAVEL_RANGE_DEG[0] <= arguments.travel <= TRAVEL_RANGE_DEG[1]:
         raise UsageError("--steering must be 1 to 16, --travel 1 to 45 degrees")
     with (
         contextlib.suppress(KeyboardInterrupt),
-        closing(_listener(arguments.port)) as listener,
+        closing(_open_listener(arguments.port)) as listener,
         run_directory.locked_directory(options.out),
         interruptible(),
-        reported(options.out),
+        report_at_end(options.out),
         recorded_run(options, START_UTC_S) as book,
     ):
         print(
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _options(arguments: argparse.Namespace) -> RunOptions:
+def _read_options(arguments: argparse.Namespace) -> RunOptions:
     scenario = sea_of(arguments)
     out = arguments.out
     if out is None:
@@ -104,7 +104,7 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
     )
 
 
-def _listener(port: int) -> socket.socket:
+def _open_listener(port: int) -> socket.socket:
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         listener.bind((ADDRESS, port))
@@ -116,18 +116,18 @@ def _listener(port: int) -> socket.socket:
 
 
 def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callable[[], None]) -> float | None:
-    """Reply to packets until the end of the run or a timeout; report invalid packets once of a kind.
+    """Reply to packets until the end of the run or a timeout; report each kind of invalid packet once.
 
-    Return the duration from first to last packet, None without packets.
+    Return the time from the first to the last packet, None without packets.
     """
     reported_errors: set[str] = set()
     autopilot = ActiveAutopilot()
-    begun_s = received_s = None
+    first_packet_s = last_packet_s = None
     while ship.now_s < end_s - ROUNDING_S:
         try:
             data, address = listener.recvfrom(2048)
         except TimeoutError:
-            if received_s is not None and time.monotonic() - received_s > TIMEOUT_S:
+            if last_packet_s is not None and time.monotonic() - last_packet_s > TIMEOUT_S:
                 print(f"no packet from the autopilot for {TIMEOUT_S:g} s: end of the run", file=sys.stderr)
                 break
             continue
@@ -141,9 +141,9 @@ def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callabl
             continue
         if is_new:
             print(f"autopilot at {address[0]}:{address[1]}", flush=True)
-        if begun_s is None:
-            begun_s = now_s
+        if first_packet_s is None:
+            first_packet_s = now_s
             begin()
-        received_s = now_s
+        last_packet_s = now_s
         listener.sendto(ship.reply(packet), address)
-    return None if begun_s is None or received_s is None else received_s - begun_s
+    return None if first_packet_s is None or last_packet_s is None else last_packet_s - first_packet_s

@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read_speeds(text: str) -> tuple[float, ...]:
-    """Read speeds between commas, or raise UsageError."""
+    """Parse speeds between commas; raise UsageError for an invalid text."""
     speeds = []
     for word in text.split(",")[: MAX_SPEEDS + 1]:
         try:
@@ -74,7 +74,7 @@ def read_speeds(text: str) -> tuple[float, ...]:
 
 
 def read_hull(hull: Hull) -> HullForm:
-    """Return the hull of a vehicle file, or the default float; ValueError for an invalid one."""
+    """Return the hull of a vehicle file, or the default float; raise ValueError for an invalid one."""
     if hull == Hull():
         return FLOAT
     numbers = {name: _number(hull, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
@@ -124,20 +124,20 @@ def as_text(
         f"from K {model.turning_ability_1_s:g} 1/s, T {model.turning_lag_s:g} s, alpha {model.norrbin_s2:g} s^2 "
         f"at {model.speed_m_s:g} m/s; the same at all speeds, with L = {hull.length_m:g} m:"
     )
-    same = (
+    dimensionless_text = (
         f"K' = K L/U = {constants.turning_ability:.4g}, T' = T U/L = {constants.turning_lag:.4g}, "
         f"alpha' = alpha (U/L)^2 = {constants.norrbin:.4g}"
     )
     legend = (
         f"r: steady yaw rate in deg/s at that rudder; radius: U/r at {similarity.RADIUS_RUDDER_DEG:g} deg of rudder"
     )
-    lines += ["", origin, same, legend]
+    lines += ["", origin, dimensionless_text, legend]
     lines += [f"warning: {warning}" for warning in warnings]
     return "\n".join(lines)
 
 
 def row_cells(row: similarity.SpeedRow) -> tuple[str, ...]:
-    """Return one speed's numbers as text."""
+    """Return the cells of the row of a speed."""
     return (
         f"{row.speed_m_s:g}",
         f"{row.turning_ability_1_s:.4g}",

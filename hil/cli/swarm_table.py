@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read_dimensions(text: str) -> tuple[int, ...]:
-    """Read whole numbers between commas, or raise UsageError."""
+    """Parse whole numbers between commas; raise UsageError for an invalid text."""
     words = text.split(",")
     if not all(word.strip().isdecimal() and len(word) < 10 and 2 <= int(word) <= MAX_DIMENSIONS for word in words):
         raise UsageError(f"--dimensions {text[:30]}: give whole numbers from 2 to {MAX_DIMENSIONS}, as 2,5")

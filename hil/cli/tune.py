@@ -120,26 +120,26 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_law(arguments: argparse.Namespace) -> int:
-    """Search the constants of the law; they are part of the code, so no parameter file is written."""
-    report_progress, first = progress.task_progress(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
+    """Search the constants of the law; no parameter file is written, because they are part of the code."""
+    report_progress, first_seed = progress.task_progress(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
-        trials, fresh = (
-            law.LawTrials(arguments.scenarios, range(begin, begin + count), price)
-            for begin, count in ((first, law.SEEDS), (first + FRESH_SEED, law.FRESH_SEEDS))
+        trials, fresh_trials = (
+            law.LawTrials(arguments.scenarios, range(begin_seed, begin_seed + count), price)
+            for begin_seed, count in ((first_seed, law.SEEDS), (first_seed + FRESH_SEED, law.FRESH_SEEDS))
         )
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
-    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, report_progress)
+    result = law.search(trials, fresh_trials, arguments.evaluations or EVALUATIONS, arguments.seed, report_progress)
     report_progress("", 1.0)
-    print(law.text(trials, fresh, found))
+    print(law.text(trials, fresh_trials, result))
     if arguments.json is not None:
-        outputs.write("--json", arguments.json, json.dumps(law.as_json(trials, fresh, found), indent=2) + "\n")
+        outputs.write("--json", arguments.json, json.dumps(law.as_json(trials, fresh_trials, result), indent=2) + "\n")
     return 0
 
 
 def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
-    report = delivered_of(vehicle, arguments)
+    report = tune_delivered(vehicle, arguments)
     print(delivered_report.text(report))
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, delivered_report.parameter_file(report))
@@ -154,8 +154,8 @@ def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
     return 0
 
 
-def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
-    """Tune the default controller, or raise UsageError."""
+def tune_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
+    """Tune the default controller; raise UsageError for invalid options."""
     begin_s = time.monotonic()
     parameters, seed, report_progress = (
         _parameters_of(vehicle),
@@ -168,9 +168,9 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
             raise UsageError("--with supply: trial runs do not simulate power; remove it")
         if any(scenarios.parse_scenario(name).disturbances.vessels is not None for name in names):
             raise UsageError("--with vessels: trial runs do not simulate other vessels; remove it")
-        trials, fresh = (
-            delivered.Trials(model, parameters, names, range(first, first + count))
-            for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
+        trials, fresh_trials = (
+            delivered.Trials(model, parameters, names, range(first_seed, first_seed + count))
+            for first_seed, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
         )
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
@@ -178,7 +178,7 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
         raise UsageError(f"the vehicle file has a model that cannot be tuned: {error}") from None
     tuned = delivered_search.tune(
         trials,
-        fresh,
+        fresh_trials,
         parameters,
         price=arguments.price,
         evaluations=arguments.evaluations or EVALUATIONS,
@@ -188,16 +188,20 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     report_progress("", 1.0)
     seconds = time.monotonic() - begin_s
     notes = _notes(parameters)
-    return delivered_report.Report(vehicle.name, seed, tuple(names), trials, fresh, tuned, seconds, notes)
+    return delivered_report.Report(vehicle.name, seed, tuple(names), trials, fresh_trials, tuned, seconds, notes)
 
 
 def _notes(parameters: ParameterSet) -> tuple[str, ...]:
     """Return a line for each parameter of the vehicle that the trial runs do not use."""
-    usual = ParameterSet()
-    other = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != usual[name]]
-    off = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
-    notes = [f"trial runs use {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
-    notes += [f"the vehicle has {name} 0, the tuned controller needs 1; the parameter file sets it" for name in off]
+    defaults = ParameterSet()
+    unused_names = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != defaults[name]]
+    disabled_names = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
+    notes = [
+        f"trial runs use {name} {defaults[name]:g}, not the vehicle's {parameters[name]:g}" for name in unused_names
+    ]
+    notes += [
+        f"the vehicle has {name} 0, the tuned controller needs 1; the parameter file sets it" for name in disabled_names
+    ]
     return tuple(notes)
 
 
@@ -209,7 +213,7 @@ def _parameters_of(vehicle: Vehicle) -> ParameterSet:
 
 
 def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
-    report = make_report(vehicle, arguments)
+    report = tune_fixed(vehicle, arguments)
     print(text(report))
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, parameter_file(report))
@@ -224,8 +228,8 @@ def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
     return 0
 
 
-def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
-    """Solve the problem of the paper and the practical one, or raise UsageError."""
+def tune_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
+    """Tune the fixed gains for the paper's problem and for the trial runs; raise UsageError for invalid options."""
     begin_s = time.monotonic()
     parameters, seed, report_progress = (
         _parameters_of(vehicle),
@@ -233,10 +237,10 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
         progress.task_progress(sys.stderr, time.monotonic),
     )
     model = model_of(vehicle)
-    present = Setting.of(parameters)
+    setting = Setting.of(parameters)
     try:
         trials = Trials(model, parameters, arguments.scenarios, seed)
-        fresh = Trials(model, parameters, arguments.scenarios, seed + FRESH_SEED)
+        fresh_trials = Trials(model, parameters, arguments.scenarios, seed + FRESH_SEED)
         studies = tuple(paper.study(step_deg, model, trials.autopilot, seed) for step_deg in paper.STEPS_DEG)
         twin = delivered.Trials(model, parameters, arguments.scenarios, [seed + FRESH_SEED])
     except scenarios.UnknownScenarioError as error:
@@ -245,7 +249,7 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
         raise UsageError(f"the vehicle file has a model that cannot be tuned: {error}") from None
     tuned = tune(
         trials,
-        present,
+        setting,
         price=arguments.price,
         only_gains=arguments.only_gains,
         evaluations=arguments.evaluations or FIXED_EVALUATIONS,
@@ -253,9 +257,9 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
         report_progress=report_progress,
     )
     report_progress("", 1.0)
-    fresh_score = fresh.scores([tuned.chosen.setting])[0]
+    fresh_score = fresh_trials.scores([tuned.chosen.setting])[0]
     seconds = time.monotonic() - begin_s
-    return Report(vehicle.name, seed, present, studies, trials, fresh, tuned, fresh_score, twin, seconds)
+    return Report(vehicle.name, seed, setting, studies, trials, fresh_trials, tuned, fresh_score, twin, seconds)
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -264,9 +268,9 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.price is not None and not (math.isfinite(arguments.price) and 0.0 <= arguments.price <= 1e6):
         raise UsageError(f"--price {arguments.price}: give a number from 0 to 1e6")
-    minimum, number = MIN_FIXED_EVALUATIONS if arguments.fixed_gains else MIN_EVALUATIONS, arguments.evaluations
-    if number is not None and not minimum <= number <= 1_000_000:
-        raise UsageError(f"--evaluations {number}: give a number from {minimum} to 1000000")
+    minimum, evaluations = MIN_FIXED_EVALUATIONS if arguments.fixed_gains else MIN_EVALUATIONS, arguments.evaluations
+    if evaluations is not None and not minimum <= evaluations <= 1_000_000:
+        raise UsageError(f"--evaluations {evaluations}: give a number from {minimum} to 1000000")
     if arguments.only_gains and not arguments.fixed_gains:
         raise UsageError("--only-gains: the default controller has no gains; add --fixed-gains")
     if arguments.law:
@@ -276,7 +280,7 @@ def _check(arguments: argparse.Namespace) -> None:
         ):  # fmt: skip
             if value:
                 raise UsageError(f"{option}: not used with --law; remove one of them")
-    arguments.scenarios = _seas(arguments)
+    arguments.scenarios = _scenario_names(arguments)
     if arguments.plot is not None and arguments.plot.suffix not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both files are written")
     for option, path in (
@@ -285,10 +289,10 @@ def _check(arguments: argparse.Namespace) -> None:
         outputs.check(option, path)
 
 
-def _seas(arguments: argparse.Namespace) -> list[str]:
-    """Return the seas with the common disturbances; commas separate names without disturbances of their own."""
-    words = arguments.scenarios or (law.SEAS if arguments.law else cases.DEFAULT_SCENARIOS)
-    names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
+def _scenario_names(arguments: argparse.Namespace) -> list[str]:
+    """Return the scenarios with the common disturbances; commas separate names that have no disturbances."""
+    texts = arguments.scenarios or (law.SEAS if arguments.law else cases.DEFAULT_SCENARIOS)
+    names = [name for word in texts for name in ([word] if "+" in word else word.split(",")) if name]
     if not names:
         raise UsageError("--scenarios: name at least one; rambler-hil scenarios lists them")
     if arguments.disturbances is None:

@@ -13,9 +13,9 @@ from contextlib import ExitStack
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from hil.bench.background_run import BackgroundRun
 from hil.bench.machine import cpu_of, memory_of
-from hil.bench.sea import Sea
-from hil.bench.tick import logged
+from hil.bench.tick import logged_inputs
 from support import bare_sleep
 from support.bare_sleep import spread
 from support.paths import ROOT
@@ -135,7 +135,7 @@ class Serial:
 @pytest.mark.parametrize("make_link", [Udp, Tcp, Serial])
 def test_flood_of_one_link_does_not_delay_the_loop(make_link, rate_hz, tmp_path, figures):
     link = make_link()
-    with ExitStack() as closing, Sea(tmp_path / "sea", rate_hz, links=(link.url,)) as sea:
+    with ExitStack() as closing, BackgroundRun(tmp_path / "sea", rate_hz, links=(link.url,)) as sea:
         line = link.line(closing)
         sea.listen(SETTLING_S)
         line.send_heartbeat()
@@ -164,7 +164,7 @@ def test_flood_of_one_link_does_not_delay_the_loop(make_link, rate_hz, tmp_path,
         assert sea.autopilot() == pid
         bytes_taken = json.loads(flood.stdout.read())
     assert "Traceback" not in (tmp_path / "sea" / "firmware.log").read_text()
-    ticks = [inputs.tick for inputs in logged(tmp_path / "sea")]
+    ticks = [inputs.tick for inputs in logged_inputs(tmp_path / "sea")]
     flooded = spread([tick.late_s for tick in ticks if flood_from_s <= tick.t_s <= flood_to_s])
     quiet = spread(
         [
@@ -195,7 +195,7 @@ def test_floods_of_all_links_and_the_disk_together_do_not_delay_the_loop(tmp_pat
     windows = {"quiet": [], "flooded": []}
     bare_lateness_s, bytes_taken, busy_fraction = [], [], None
     urls = tuple(link.url for link in links)
-    with ExitStack() as closing, Sea(tmp_path / "sea", ALL_LINKS_RATE_HZ, links=urls) as sea:
+    with ExitStack() as closing, BackgroundRun(tmp_path / "sea", ALL_LINKS_RATE_HZ, links=urls) as sea:
         lines = [link.line(closing) for link in links]
         sink = start_sink(closing, sinks)
         sea.listen(SETTLING_S)
@@ -220,7 +220,7 @@ def test_floods_of_all_links_and_the_disk_together_do_not_delay_the_loop(tmp_pat
         assert sea.autopilot() == pid
         assert sink.poll() is None
     assert "Traceback" not in (tmp_path / "sea" / "firmware.log").read_text()
-    ticks = [inputs.tick for inputs in logged(tmp_path / "sea")]
+    ticks = [inputs.tick for inputs in logged_inputs(tmp_path / "sea")]
     spreads = {
         name: spread([tick.late_s for tick in ticks for start_s, end_s in windows_s if start_s <= tick.t_s <= end_s])
         for name, windows_s in windows.items()

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 
 from hil.bench.figure import percentile
-from hil.bench.machine import steady
+from hil.bench.machine import autopilot_scheduling
 
 
 def command(rate_hz, ticks, busy=0.0):
@@ -50,6 +50,6 @@ def spread(samples):
 
 
 if __name__ == "__main__":
-    with steady():
+    with autopilot_scheduling():
         found = lateness_s(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))
     print(json.dumps(found))

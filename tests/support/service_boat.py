@@ -10,7 +10,7 @@ import pytest
 from firmware_py.install.service_files import TRIAL, Service, trial_text, unit_text
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.slots import stored_content
-from hil.bench.rig import GoalWatch
+from hil.bench.rig import GoalRecorder
 from support.asking_station import AskingStation, answered
 from support.paths import ROOT
 from support.plans import item
@@ -29,7 +29,7 @@ class GoalTap:
 
     def __init__(self, servo):
         self._receive, servo.receive = servo.receive, self._take
-        self._watch = GoalWatch()
+        self._watch = GoalRecorder()
         self.times_s = self._watch.times_s
 
     def _take(self, now_s, data):

@@ -1,4 +1,4 @@
-"""Ratios to the bare limit, aims, percentiles and pairs of runs."""
+"""Ratios to the bare limit, targets, percentiles and pairs of runs."""
 
 import math
 import random
@@ -27,19 +27,19 @@ from hil.bench.figure import Figure, paired_figure, percentile
         (Figure("x", "us", 0.1, 1.0, maximum_ratio=0.5, paired_ratio=0.6), False),
     ],
 )
-def test_targets(figure, met):
+def test_target_is_met_up_to_its_limit(figure, met):
     assert figure.met is met
 
 
-def test_no_ratio_without_a_bare_limit():
+def test_figure_without_a_bare_limit_has_no_ratio():
     assert Figure("x", "ms", 3.0, 2.0).ratio == 1.5
     assert Figure("x", "ms", 3.0).ratio is None
     assert Figure("x", "ms", 3.0, 0.0).ratio is None
 
 
 def test_percentiles_equal_numpy():
-    chances = random.Random(3)
-    samples = [chances.expovariate(1.0) for _ in range(997)]
+    rng = random.Random(3)
+    samples = [rng.expovariate(1.0) for _ in range(997)]
     for percent in (0.0, 50.0, 95.0, 99.9, 100.0):
         assert percentile(samples, percent) == pytest.approx(np.percentile(samples, percent))
     assert percentile([2.0, 1.0], 25.0) == 1.25
@@ -48,16 +48,10 @@ def test_percentiles_equal_numpy():
 
 
 def test_paired_ratio_is_the_median_of_neighbours():
-    # In the second pair the machine was ten times as slow, for both programs.
+    # During the second pair the machine is ten times slower.
     ours, bare = iter([1.0, 10.0, 1.1]), iter([2.0, 20.0, 2.0])
     order = []
-    figure = paired_figure(
-        "x",
-        "ms",
-        lambda: order.append("ours") or next(ours),
-        lambda: order.append("bare") or next(bare),
-        3,
-        1e3,
-    )
+    run_ours, run_bare = lambda: order.append("ours") or next(ours), lambda: order.append("bare") or next(bare)
+    figure = paired_figure("x", "ms", run_ours, run_bare, 3, 1e3)
     assert order == ["ours", "bare"] * 3
     assert (figure.value, figure.bare, figure.ratio) == (1100.0, 2000.0, 0.5)

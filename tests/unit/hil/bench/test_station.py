@@ -1,4 +1,4 @@
-"""The bench's end of a UDP link, with a vehicle made of pymavlink."""
+"""The ground station of the bench with a vehicle of pymavlink."""
 
 import socket
 
@@ -20,24 +20,24 @@ def link():
     station.close()
 
 
-def packed(message, system=1):
+def pack(message, system=1):
     return bytes(message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=1)))
 
 
-HEARTBEAT = packed(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
+HEARTBEAT = pack(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
 
 
-def test_await_message(link):
+def test_station_waits_for_a_heartbeat(link):
     station, vehicle = link
-    vehicle.send(packed(dialect.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)))
+    vehicle.send(pack(dialect.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)))
     vehicle.send(HEARTBEAT)
     assert station.await_heartbeat(5.0) is not None
     assert station.await_heartbeat(0.0) is None
 
 
-def test_send_and_heartbeats(link):
+def test_station_sends_heartbeats_after_the_first_message(link):
     station, vehicle = link
-    station.send(b"into the void")
+    station.send(b"no receiver")
     vehicle.send(HEARTBEAT)
     station.await_heartbeat(5.0)
     vehicle.send(HEARTBEAT)
@@ -48,8 +48,8 @@ def test_send_and_heartbeats(link):
     assert vehicle.recv(512) == b"hello"
 
 
-def test_messages_of_a_datagram(link):
+def test_all_messages_of_a_datagram_are_received(link):
     station, vehicle = link
-    value = packed(dialect.MAVLink_param_value_message(b"A", 1.0, 9, 1, 0))
+    value = pack(dialect.MAVLink_param_value_message(b"A", 1.0, 9, 1, 0))
     vehicle.send(HEARTBEAT + value)
     assert [message.get_type() for message in station.receive()] == ["HEARTBEAT", "PARAM_VALUE"]

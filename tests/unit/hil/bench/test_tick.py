@@ -1,12 +1,12 @@
-"""Python's instructions are counted, to the last one, whatever else the machine does."""
+"""Counting of Python instructions."""
 
 import sys
 
-from hil.bench.tick import COUNTED_EVERY, WARM_UP_TICKS, counting, instructions
+from hil.bench.tick import TICKS_PER_COUNT, WARM_UP_TICKS, counting, instructions
 
 
 def helper(count):
-    return sum(divmod(one, 7)[1] for one in range(count))
+    return sum(divmod(number, 7)[1] for number in range(count))
 
 
 def test_count_is_reproducible():
@@ -16,29 +16,29 @@ def test_count_is_reproducible():
 
 
 def test_count_is_proportional():
-    (few, _), (more, _) = instructions(lambda: helper(2000)), instructions(lambda: helper(3000))
-    assert abs(more / few - 1.5) < 0.01
+    (short, _), (long, _) = instructions(lambda: helper(2000)), instructions(lambda: helper(3000))
+    assert abs(long / short - 1.5) < 0.01
 
 
 def test_other_trace_function_is_restored():
     def other(*_):
         return None
 
-    before = sys.gettrace()
+    previous = sys.gettrace()
     sys.settrace(other)
     try:
         instructions(lambda: helper(1))
-        found = sys.gettrace()
+        restored = sys.gettrace()
     finally:
-        sys.settrace(before)
-    assert found is other
+        sys.settrace(previous)
+    assert restored is other
 
 
-def test_counted_ticks():
-    counts, seen = [], []
-    step = counting(lambda state, inputs: seen.append(inputs) or helper(state), counts)
-    ticks = range(WARM_UP_TICKS + 3 * COUNTED_EVERY)
-    assert [step(one, one) for one in ticks] == [helper(one) for one in ticks]
-    assert seen == list(ticks)
+def test_some_ticks_are_counted_without_changing_results():
+    counts, inputs_of_ticks = [], []
+    step = counting(lambda state, inputs: inputs_of_ticks.append(inputs) or helper(state), counts)
+    ticks = range(WARM_UP_TICKS + 3 * TICKS_PER_COUNT)
+    assert [step(tick, tick) for tick in ticks] == [helper(tick) for tick in ticks]
+    assert inputs_of_ticks == list(ticks)
     assert len(counts) == 3
     assert counts == sorted(set(counts))

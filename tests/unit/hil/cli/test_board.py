@@ -13,7 +13,7 @@ def test_board_does_not_overwrite_a_campaign(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_board_replaces_a_run_with_a_notice_but_no_other_state(tmp_path, capsys):
+def test_board_replaces_a_run_with_a_notice_and_keeps_other_state(tmp_path, capsys):
     (tmp_path / "run.json").write_text("{}")
     (tmp_path / "boat").mkdir()
     assert main(["board", str(tmp_path), "--seconds", "0.2"]) == 0
@@ -26,7 +26,7 @@ def test_board_replaces_a_run_with_a_notice_but_no_other_state(tmp_path, capsys)
     assert (tmp_path / "state").is_dir()
 
 
-def test_a_second_board_is_rejected(tmp_path, capsys):
+def test_second_board_is_rejected(tmp_path, capsys):
     (tmp_path / "compass").symlink_to("/dev/null")
     with locked_directory(tmp_path):
         assert main(["board", str(tmp_path), "--seconds", "10"]) == 2

@@ -17,7 +17,7 @@ SPEC = 'engine = "compiled"\nruns = 1\nseed = 1\nseconds = 60\nscenarios = ["tan
         ("distributed", ("spec.toml", "--scheduler", "tcp://127.0.0.1:1")),
     ],
 )
-def test_a_missing_package_is_reported_before_the_first_run(missing, words, tmp_path, monkeypatch, capsys):
+def test_missing_package_is_reported_before_the_first_run(missing, words, tmp_path, monkeypatch, capsys):
     (tmp_path / "spec.toml").write_text(SPEC)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
@@ -40,7 +40,7 @@ def test_a_missing_package_is_reported_before_the_first_run(missing, words, tmp_
         (("spec.toml", "--scheduler", "fish"), "--scheduler fish: write tcp://HOST:PORT"),
     ],
 )
-def test_wrong_words_are_reported_before_a_package_is_imported(words, error, tmp_path, monkeypatch, capsys):
+def test_invalid_arguments_are_reported_before_a_package_is_imported(words, error, tmp_path, monkeypatch, capsys):
     (tmp_path / "spec.toml").write_text(SPEC)
     monkeypatch.chdir(tmp_path)
     for package in ("pyarrow", "distributed"):
@@ -53,12 +53,12 @@ def test_wrong_words_are_reported_before_a_package_is_imported(words, error, tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scheduler_that_does_not_answer_leaves_no_directory(tmp_path, monkeypatch, capsys):
+def test_missing_scheduler_leaves_no_directory(tmp_path, monkeypatch, capsys):
     pytest.importorskip("distributed")
     (tmp_path / "spec.toml").write_text(SPEC)
     monkeypatch.setattr("hil.lab.campaign.workers.TIMEOUT_S", 0.2)
     with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))  # and does not listen
+        unused.bind(("127.0.0.1", 0))  # without listening
         address = f"tcp://127.0.0.1:{unused.getsockname()[1]}"
         words = [str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out"), "--scheduler", address]
         assert main(["campaign", *words]) == 2
@@ -67,7 +67,7 @@ def test_a_scheduler_that_does_not_answer_leaves_no_directory(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("name", ["campaign.json", "run.json"])
-def test_a_comparison_does_not_overwrite_a_campaign_or_a_run(name, tmp_path, capsys):
+def test_comparison_does_not_overwrite_a_campaign_or_a_run(name, tmp_path, capsys):
     pytest.importorskip("pyarrow")
     (tmp_path / name).write_text("{}")
     (tmp_path / "report.html").write_text("kept")

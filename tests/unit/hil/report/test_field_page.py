@@ -187,6 +187,12 @@ def test_rows_of_impossible_times_are_skipped(tmp_path):
     assert (table.rows, table.undated_s) == (2, 300.0)
 
 
+def test_gap_of_more_than_ten_minutes_interrupts_the_line():
+    columns = thin_log.with_breaks(time_s := np.array([0.0, 600.0, 1201.0]), {"x": time_s}, thin_log.gap_rows(time_s))
+    assert [math.isnan(x) for x in columns["x"]] == [False, False, True, False]
+    assert columns["time_s"][2] == 900.5
+
+
 def test_undated_time_is_reported_on_the_page(tmp_path):
     (tmp_path / "thin").mkdir()
     (tmp_path / "thin/00000001.BIN").write_bytes(thin_bytes([replace(MINUTE, utc_s=60.0 * n) for n in range(1, 91)]))

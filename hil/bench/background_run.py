@@ -1,4 +1,4 @@
-"""A run of `rambler-hil run` in the background: the autopilot under way in real time."""
+"""A run of `rambler-hil run` in the background, in real time."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from hil.bench.station import Station
 from hil.bench.tick import STATE
 from hil.errors import HilError
 
-START_S = 30.0
-END_S = 20.0
+START_TIMEOUT_S = 30.0
+END_TIMEOUT_S = 20.0
 POLL_S = 1.0
-MAX_RUN_S = 600  # in case that it is not ended
+MAX_RUN_S = 600  # limit if the run is not ended
 
 
-class Sea:
-    """The tank scenario, an autopilot in it and a UDP ground station; a context that ends all three."""
+class BackgroundRun:
+    """The autopilot in the tank scenario and a UDP ground station; a context that ends both."""
 
     def __init__(
         self, out: Path, rate_hz: int = 10, links: Sequence[str] = (), *, udp: bool = True, locked: bool = True
     ) -> None:
-        """Start, with additional links, and wait for the autopilot's first heartbeat; HilError on a timeout.
+        """Start, with additional links, and wait for the first heartbeat; raise HilError on a timeout.
 
-        Without `udp` there is no link to the station, only the run's own radio link. With `locked` a tick begins with
+        Without `udp` only the radio link of the run is used, not that to the station. With `locked` a tick begins with
         a compass sample that arrives just before its deadline.
         """
         self.station = Station()
@@ -70,24 +70,24 @@ class Sea:
         self.close()
 
     def autopilot(self) -> int:
-        """Return the process id of the autopilot; HilError when it has ended."""
+        """Return the process id of the autopilot; raise HilError if it has ended."""
         children = children_of(self._process.pid)
         if len(children) != 1:
             raise HilError(f"the autopilot has ended: {self._last_output()}")
         return children[0]
 
     def listen(self, seconds: float) -> None:
-        """Receive telemetry for this time, like a passive ground station."""
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0.0:
+        """Receive telemetry for this time without requests."""
+        deadline_s = time.monotonic() + seconds
+        while (remaining_s := deadline_s - time.monotonic()) > 0.0:
             self.autopilot()
-            self.station.listen(min(left_s, 2.0))
+            self.station.listen(min(remaining_s, 2.0))
 
     def close(self) -> None:
         """End the run in order, so that its log is complete."""
         self._process.terminate()
         try:
-            self._process.wait(END_S)
+            self._process.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             for pid in (*children_of(self._process.pid), self._process.pid):
                 os.kill(pid, signal.SIGKILL)
@@ -95,13 +95,13 @@ class Sea:
         self.station.close()
 
     def _await_start(self) -> None:
-        end_s = time.monotonic() + START_S
-        while not self._started():
-            if self._process.poll() is not None or time.monotonic() > end_s:
+        deadline_s = time.monotonic() + START_TIMEOUT_S
+        while not self._has_started():
+            if self._process.poll() is not None or time.monotonic() > deadline_s:
                 raise HilError(f"the autopilot did not start: {self._last_output()}")
 
-    def _started(self) -> bool:
-        """Wait a moment; return True after a heartbeat, or without UDP once there is a log."""
+    def _has_started(self) -> bool:
+        """Wait for POLL_S; return True after a heartbeat, or without UDP if there is a log."""
         has_heartbeat = self.station.await_heartbeat(POLL_S) is not None
         return has_heartbeat if self._udp else self._logs.is_dir() and bool(log_files(self._logs))
 
