@@ -14,7 +14,7 @@ from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.campaign import campaign, store
 from hil.lab.campaign.campaign import Workers
-from hil.lab.campaign.store import imported
+from hil.lab.campaign.store import import_extra
 from hil.lab.campaign.workers import check_address
 from hil.sim import run_file
 from hil.sim.run_directory import CAMPAIGN, check_free, locked_directory
@@ -55,12 +55,12 @@ def run(arguments: argparse.Namespace) -> int:
     _check(first_word, words, arguments)
     # Checked before the first run, not after it.
     for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
-        imported(package)
+        import_extra(package)
     return action(words, arguments)
 
 
 def _check(first_word: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
-    """Check the command line before packages are imported and connections are made."""
+    """Check the command line before packages are import_extra and connections are made."""
     if first_word == REPLAY:
         _parse_index(words[1])
     if first_word in ACTIONS:
@@ -119,18 +119,18 @@ def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
 
 def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Compare two campaigns run by run, and write the page and the figures."""
-    from hil.lab.campaign import compare, compare_page  # noqa: PLC0415 - only needed here
+    from hil.lab.campaign import compare  # noqa: PLC0415 - only needed here
 
     check_free(arguments.out, (CAMPAIGN, run_file.NAME))
     first_word, second = (store.read_results(Path(word)) for word in words)
     result = compare.compare(first_word, second)
     with locked_directory(arguments.out):
         store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(result), indent=2) + "\n").encode())
-        store.write_file(arguments.out / store.PAGE, compare_page.text(first_word, second, result).encode())
-    rows = compare_page.cells(result)
+        store.write_file(arguments.out / store.PAGE, compare.page_text(first_word, second, result).encode())
+    rows = compare.table_rows(result)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    print(compare_page.lead(first_word, second, result))
-    for line in compare_page.versions_that_differ(first_word, second):
+    print(compare.summary(first_word, second, result))
+    for line in compare.changed_versions(first_word, second):
         print(line)
     for name, *cells in rows:
         print("  ".join((name.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip())

@@ -137,7 +137,7 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
         if limits is not None and (limit := limits[number]) is not None:
             compass_alone, receiver = limit
             numbers += f"   limit {compass_alone:.2f} deg, with a receiver {receiver:.2f}"
-        engine_note = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
+        engine_note = "" if row.controller.engine == AUTOPILOT else f"   ({row.controller.engine})"
         lines.append(f"{row.controller.name:{width}}  {numbers}{engine_note}")
     return "\n".join(lines)
 
@@ -148,7 +148,7 @@ def as_json(rows: list[Row]) -> list[dict[str, Any]]:
         {
             "scenario": row.scenario,
             "controller": row.controller.name,
-            "sailed_by": row.controller.sailed_by,
+            "sailed_by": row.controller.engine,
             "settings": dict(row.controller.settings),
             "mean": asdict(row.mean),
             "seeds": [asdict(score) for score in row.scores],

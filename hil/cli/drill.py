@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         outcomes.append(outcome)
         print(f"{len(outcomes):4d} of {len(selected)}  {'  '.join(_cells(outcome))}".rstrip(), flush=True)
     failed = [outcome for outcome in outcomes if outcome.misses]
-    wall_s, sailed_s = sum(item.wall_s for item in outcomes), sum(item.sailed_s for item in outcomes)
+    wall_s, sailed_s = sum(item.wall_s for item in outcomes), sum(item.simulated_s for item in outcomes)
     print(f"{len(outcomes)} drills, {len(failed)} failed; {sailed_s / 3600.0:.1f} h simulated in {wall_s:.0f} s")
     if arguments.json is not None:
         rows = [{JSON_KEYS.get(key, key): value for key, value in asdict(outcome).items()} for outcome in outcomes]

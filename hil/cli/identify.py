@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check("--plot", arguments.plot)
     outputs.check("--out-params", arguments.out_params)
     sources = [Source.parse(text) for text in (*arguments.train, *arguments.validate)]
-    angular = arguments.rudder_unit != "any"
+    is_angle = arguments.rudder_unit != "any"
     start_s = time.monotonic()
     recordings = _read(sources, arguments.rudder_unit)
     train, validate = recordings[: len(arguments.train)], recordings[len(arguments.train) :]
@@ -84,11 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
             validate,
             model=arguments.model,
             speed=arguments.speed_scaling,
-            angular=angular,
+            is_angle=is_angle,
             report=progress.report,
         )
     seconds = time.monotonic() - start_s
-    text = report.as_text(result, angular=angular)
+    text = report.as_text(result, is_angle=is_angle)
     if arguments.json is not None:
         data = report.as_json(result, seconds)
         sys.stdout.write(data) if to_stdout else outputs.write("--json", arguments.json, data)
@@ -96,8 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(text)
         print(f"identified in {seconds:.2f} s")
     if arguments.plot is not None:
-        outputs.write("--plot", arguments.plot, _draw_plot(result, text, arguments, angular=angular))
-    if not result.judgement.usable:
+        outputs.write("--plot", arguments.plot, _draw_plot(result, text, arguments, is_angle=is_angle))
+    if not result.judgement.is_usable:
         print("rambler-hil: no model: the logs show no effect of the rudder; see the verdicts", file=sys.stderr)
         return 1
     if arguments.out_params is not None:
@@ -124,7 +124,7 @@ def _read_file(path: Path, unit: str) -> Recording:
             f"{path}: MAVLink telemetry log; give the onboard .BIN log, or convert it to a table: "
             "mavlogdump.py --format csv --types ATTITUDE,SERVO_OUTPUT_RAW,VFR_HUD"
         )
-    if nmea_capture.is_one(path):
+    if nmea_capture.is_capture(path):
         return nmea_capture.read(path)
     return manoeuvre_file.read(path, unit)
 
@@ -133,7 +133,7 @@ def _read_log(path: Path) -> Recording:
     """Read a log of Rambler or of ArduPilot."""
     try:
         with open_buffer(path) as data:
-            if ardupilot_log.is_one(data):
+            if ardupilot_log.is_ardupilot_log(data):
                 return ardupilot_log.read(path, data)
     except OSError:  # the other reader reports the error
         pass
@@ -144,17 +144,17 @@ def _is_html(path: Path) -> bool:
     return path.suffix.lower() == ".html"
 
 
-def _draw_plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
+def _draw_plot(result: Identification, text: str, arguments: argparse.Namespace, *, is_angle: bool) -> bytes:
     from hil.lab.identify.page import draw, page_of  # noqa: PLC0415 - matplotlib is slow to import
 
     train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60])
     model = result.model()
-    gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
+    gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * is_angle
     other_parameters = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.name})"
     title = f"{gain}, {other_parameters}"
-    image = draw((train, *result.validate), title, angular=angular)
+    image = draw((train, *result.validate), title, is_angle=is_angle)
     page_title = "Identification: " + title
-    return page_of(result, text, image, page_title, angular=angular).encode() if _is_html(arguments.plot) else image
+    return page_of(result, text, image, page_title, is_angle=is_angle).encode() if _is_html(arguments.plot) else image
 
 
 class _Progress:

@@ -195,7 +195,7 @@ def _notes(parameters: ParameterSet) -> tuple[str, ...]:
     """Return a line for each parameter of the vehicle that the trial runs do not use."""
     defaults = ParameterSet()
     unused_names = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != defaults[name]]
-    disabled_names = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
+    disabled_names = [name for name in delivered_report.CONTROLLER_PARAMETERS if parameters[name] == 0.0]
     notes = [
         f"trial runs use {name} {defaults[name]:g}, not the vehicle's {parameters[name]:g}" for name in unused_names
     ]

@@ -23,25 +23,25 @@ MULTIPLIER: Final = (2549297995355413924 << 64) + 4865540595714422341
 WORD_BITS: Final = 64
 types: Any = numba_types
 extending: Any = numba.extending  # numba's tools are untyped
-INSIDE, WIDTHS, HEIGHTS = tables.ki_double, tables.wi_double, tables.fi_double
+INSIDE_LIMITS, WIDTHS, HEIGHTS = tables.ki_double, tables.wi_double, tables.fi_double
 TAIL: Final = float(tables.ziggurat_nor_r)
 TAIL_INVERSE: Final = float(tables.ziggurat_nor_inv_r)
-UNIT: Final = 1.0 / 9007199254740992.0  # 2**-53
+UNIT_STEP: Final = 1.0 / 9007199254740992.0  # 2**-53
 
 
 def _next_state(_typing: Any, high: Any, low: Any, add_high: Any, add_low: Any) -> Any:
-    """Return the high and the low half of the next state."""
+    """Define the intrinsic function that returns the high and the low half of the next state."""
     wide, word = ir.IntType(2 * WORD_BITS), ir.IntType(WORD_BITS)
 
-    def made(context: Any, builder: Any, known: Any, args: Any) -> Any:
+    def generate_code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         high, low, add_high, add_low = (builder.zext(arg, wide) for arg in args)
         shift = ir.Constant(wide, WORD_BITS)
         state, add = builder.or_(builder.shl(high, shift), low), builder.or_(builder.shl(add_high, shift), add_low)
         state = builder.add(builder.mul(state, ir.Constant(wide, MULTIPLIER)), add)
         halves = [builder.trunc(builder.lshr(state, shift), word), builder.trunc(state, word)]
-        return context.make_tuple(builder, known.return_type, halves)
+        return context.make_tuple(builder, signature.return_type, halves)
 
-    return types.UniTuple(types.uint64, 2)(high, low, add_high, add_low), made
+    return types.UniTuple(types.uint64, 2)(high, low, add_high, add_low), generate_code
 
 
 next_state: Callable[[int, int, int, int], tuple[int, int]] = extending.intrinsic(_next_state)
@@ -50,60 +50,62 @@ next_state: Callable[[int, int, int, int], tuple[int, int]] = extending.intrinsi
 @compiled
 def word_of(high: Any, low: Any) -> Any:
     """Return the random 64-bit word of a state."""
-    mixed, turn = high ^ low, high >> np.uint64(58)
-    return (mixed >> turn) | (mixed << ((np.uint64(64) - turn) & np.uint64(63)))
+    mixed, rotation = high ^ low, high >> np.uint64(58)
+    return (mixed >> rotation) | (mixed << ((np.uint64(64) - rotation) & np.uint64(63)))
 
 
 @compiled
 def unit_of(word: Any) -> float:
     """Return the number in [0, 1) of a random word."""
-    return float(np.float64(word >> np.uint64(11)) * UNIT)
+    return float(np.float64(word >> np.uint64(11)) * UNIT_STEP)
 
 
 @compiled
 def fill(state: NDArray[np.uint64], numbers: NDArray[np.float64]) -> None:
-    """Fill in normal numbers; `state` holds state and increment of the generator in halves and is advanced."""
+    """Compute normal numbers into `numbers`; `state` (state and increment of the generator, in halves) is advanced."""
     high, low, add_high, add_low = state[0], state[1], state[2], state[3]
     filled = 0
     while filled < numbers.size:
         high, low = next_state(high, low, add_high, add_low)
         word = word_of(high, low)
-        layer, part = np.int64(word & np.uint64(0xFF)), (word >> np.uint64(9)) & np.uint64(0xFFFFFFFFFFFFF)
-        number = np.float64(part) * WIDTHS[layer]
+        layer, mantissa = np.int64(word & np.uint64(0xFF)), (word >> np.uint64(9)) & np.uint64(0xFFFFFFFFFFFFF)
+        number = np.float64(mantissa) * WIDTHS[layer]
         if word >> np.uint64(8) & np.uint64(1):
             number = -number
-        taken = part < INSIDE[layer]
-        if not taken:
+        is_accepted = mantissa < INSIDE_LIMITS[layer]
+        if not is_accepted:
             high, low = next_state(high, low, add_high, add_low)
             unit = unit_of(word_of(high, low))
             if layer > 0:
                 height = (HEIGHTS[layer - 1] - HEIGHTS[layer]) * unit + HEIGHTS[layer]
-                taken = height < math.exp(-0.5 * number * number)
-            while layer == 0 and not taken:
+                is_accepted = height < math.exp(-0.5 * number * number)
+            while layer == 0 and not is_accepted:
                 high, low = next_state(high, low, add_high, add_low)
-                beyond = -TAIL_INVERSE * math.log1p(-unit)
+                tail_distance = -TAIL_INVERSE * math.log1p(-unit)
                 depth = -math.log1p(-unit_of(word_of(high, low)))
-                taken = depth + depth > beyond * beyond
-                if taken:
-                    number = -(TAIL + beyond) if part >> np.uint64(8) & np.uint64(1) else TAIL + beyond
+                is_accepted = depth + depth > tail_distance * tail_distance
+                if is_accepted:
+                    number = (
+                        -(TAIL + tail_distance) if mantissa >> np.uint64(8) & np.uint64(1) else TAIL + tail_distance
+                    )
                 else:
                     high, low = next_state(high, low, add_high, add_low)
                     unit = unit_of(word_of(high, low))
-        if taken:
+        if is_accepted:
             numbers[filled] = number
             filled += 1
     state[0], state[1] = high, low
 
 
-def drawn(source: np.random.Generator, count: int) -> NDArray[np.float64]:
+def draw_normals(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     """Return the next normal numbers of a generator without advancing it."""
     numbers = np.empty(count)
-    fill(state_of(source), numbers)
+    fill(state_of(rng), numbers)
     return numbers
 
 
-def state_of(source: np.random.Generator) -> NDArray[np.uint64]:
-    """Return the state of a generator as `fill` takes it."""
-    state = source.bit_generator.state["state"]
+def state_of(rng: np.random.Generator) -> NDArray[np.uint64]:
+    """Return the state of a generator in the form for `fill`."""
+    state = rng.bit_generator.state["state"]
     halves = [divmod(state[name], 1 << WORD_BITS) for name in ("state", "inc")]
     return np.array(halves, np.uint64).ravel()

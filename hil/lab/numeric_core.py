@@ -1,6 +1,6 @@
-"""The firmware's numeric core for the laboratory: the source files of the firmware, callable from compiled code.
+"""Register the numeric core of the firmware with numba, so that compiled code of the laboratory can call it.
 
-The control law, the observer, the monitors and the K-T equation exist once, in firmware_py, as functions over floats
+The control law, the estimators, the monitors and the K-T equation exist once, in firmware_py, as functions of floats
 and NamedTuples without None and without I/O. This module registers them with numba, and no other module of `hil`
 imports them (import contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
 
@@ -10,9 +10,9 @@ imports them (import contract `seam`). A kernel calls a function of the core, an
     @compiled
     def kernel(...): ... law.steer(...) ...
 
-The functions stay plain for Python. Compiled arithmetic is that of Python: no fast-math and no fused multiply-add, so
-that both agree to the last bit (tests/unit/hil/lab/test_numeric_core.py). Division by zero gives inf or NaN as in C,
-where Python raises ZeroDivisionError.
+The functions remain plain functions for Python. Compiled arithmetic is that of Python: no fast-math and no fused
+multiply-add, so that both agree to the last bit (tests/unit/hil/lab/test_numeric_core.py). Division by zero gives inf
+or NaN as in C; Python raises ZeroDivisionError.
 """
 
 from __future__ import annotations

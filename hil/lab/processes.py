@@ -21,11 +21,11 @@ Result = TypeVar("Result")
 
 @contextmanager
 def processes(count: int, start: str = "spawn") -> Iterator[Executor]:
-    """Start worker processes that end with this one, however it ends; SIGTERM ends their runs in good order.
+    """Start worker processes that end with this process, however it ends; SIGTERM closes their runs before they end.
 
-    Their work must be done by `in_process`. The start method "spawn" does not copy the threads of this process.
+    Submit only calls of `in_process`. The start method "spawn" does not copy the threads of this process.
     """
-    pool = ProcessPoolExecutor(count, get_context(start), initializer=_begin, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(count, get_context(start), initializer=_initialise_worker, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
@@ -35,13 +35,13 @@ def processes(count: int, start: str = "spawn") -> Iterator[Executor]:
         for child in children:
             child.join(END_TIMEOUT_S)
             child.kill()
-        # Wait for its thread: at its exit Python 3.11 may otherwise write to a pipe that is already closed.
+        # Wait for the pool's thread; otherwise Python 3.11 may write to a closed pipe when it exits.
         pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 
 
-def _begin(parent: int) -> None:
+def _initialise_worker(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the parent, which ends its workers
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a forked process inherits the parent's handler
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
@@ -50,9 +50,9 @@ def _begin(parent: int) -> None:
 
 
 def in_process(work: Callable[Arguments, Result], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-    """Do a piece of work in a worker process; SIGTERM ends it after the run has been closed."""
+    """Call a function in a worker process; SIGTERM ends the process after the run has been closed."""
     with interruptible():
         try:
             return work(*args, **kwargs)
         except KeyboardInterrupt:
-            os._exit(1)  # the parent does not wait for a result
+            os._exit(1)  # the parent expects no result

@@ -1,4 +1,4 @@
-"""The K-T model at other speeds (equation 7 of the paper, as in its Table 2)."""
+"""The K-T model at other speeds, by equation 7 of the paper; the rows are those of its Table 2."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Dimensionless:
 
 @dataclass(frozen=True, slots=True)
 class SpeedRow:
-    """The model at a speed: K [1/s], T [s], alpha [s^2]; steady yaw rates [deg/s] at RUDDERS_DEG.
+    """The model at one speed: K [1/s], T [s], alpha [s^2], and steady yaw rates [deg/s] at RUDDERS_DEG.
 
     radius_m is U / r at RADIUS_RUDDER_DEG of rudder, as in the paper; radius_with_sway_m and drift_deg include sway by
     the hull's regressions.
@@ -62,8 +62,8 @@ def table(model: KtModel, hull: HullForm, speeds_m_s: Sequence[float]) -> tuple[
             steady_yaw_rate(radians(rudder), scaled.turning_ability_1_s, scaled.norrbin_s2) for rudder in RUDDERS_DEG
         )
         centred = scaled._replace(rudder_offset_rad=0.0)
-        plain = steady_turn(centred, radians(RADIUS_RUDDER_DEG))
-        swaying = steady_turn(centred, radians(RADIUS_RUDDER_DEG), sway)
+        turn_without_sway = steady_turn(centred, radians(RADIUS_RUDDER_DEG))
+        turn_with_sway = steady_turn(centred, radians(RADIUS_RUDDER_DEG), sway)
         rows.append(
             SpeedRow(
                 speed_m_s,
@@ -71,9 +71,9 @@ def table(model: KtModel, hull: HullForm, speeds_m_s: Sequence[float]) -> tuple[
                 scaled.turning_lag_s,
                 scaled.norrbin_s2,
                 tuple(math.degrees(rate) for rate in rates_rad_s),
-                plain.radius_m,
-                swaying.radius_m,
-                abs(math.degrees(swaying.drift_rad)),
+                turn_without_sway.radius_m,
+                turn_with_sway.radius_m,
+                abs(math.degrees(turn_with_sway.drift_rad)),
             )
         )
     return tuple(rows)

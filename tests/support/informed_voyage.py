@@ -49,8 +49,8 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
     autopilot.begin(a)
     deadline_s, ticks = 0.0, 0
     while at.row < record.heading_rad.size - 1:
-        plant.until_tick(at, waters, record, deadline_s)
-        autopilot.take_goals(a, task, deadline_s)
+        plant.advance_to_tick(at, waters, record, deadline_s)
+        autopilot.receive_goals(a, task, deadline_s)
         if informed:
             s, f = taken.heading, taken.heading.filter
             # Begun long ago: it chooses no candidate.

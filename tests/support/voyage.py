@@ -48,7 +48,7 @@ def fixes(sea, orders, seconds):
     plant.begin(at, waters.ship)
     for to_s, angle_rad in [*orders, (seconds, None)]:
         for now_s in [*np.arange(from_s, to_s).tolist(), to_s]:
-            plant.until_tick(at, waters, nothing, now_s)
+            plant.advance_to_tick(at, waters, nothing, now_s)
             rows += [row.copy() for row in at["fixes"][: at["fix_count"]]]
             at["fix_count"] = at["heading_count"] = 0
         if angle_rad is not None:

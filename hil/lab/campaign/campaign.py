@@ -23,14 +23,14 @@ from hil.lab.campaign.store import Store
 from hil.sim.run_directory import locked_directory
 from hil.sim.signals import interruptible
 
-MIN_BATCHES = 64  # for small campaigns, so that all workers finish at about the same time
+MIN_BATCHES = 64  # so that all workers of a small campaign finish at about the same time
 
 Report = Callable[[int, int, int], None]  # finished runs, all runs, runs finished by this process
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """A number of processes on this computer, or the workers of a dask scheduler."""
+    """Number of processes on this computer, or the address of a dask scheduler."""
 
     count: int = os.cpu_count() or 1
     scheduler: str | None = None
@@ -49,22 +49,24 @@ def read_spec(path: Path, beside: Path | None = None) -> Spec:
     return spec
 
 
-def run(spec: Spec, beside: Path, out: Path, used: Workers, report: Report, *, resume: bool) -> dict[str, Any]:
-    """Run or resume a campaign and return the figures of summary.json; `beside` is the directory of the spec."""
-    with interruptible(), _cluster(used) as cluster, locked_directory(out):
+def run(spec: Spec, beside: Path, out: Path, worker_setup: Workers, report: Report, *, resume: bool) -> dict[str, Any]:
+    """Run or resume a campaign; return the content of summary.json. `beside` is the directory of the specification."""
+    with interruptible(), _cluster(worker_setup) as cluster, locked_directory(out):
         results = Store(out, spec, versions(), beside)
         results.begin(resume=resume)
         finished = results.finished()
-        before = sum(last - first for first, last in finished)
-        started_s, done = time.monotonic(), before
+        finished_before = sum(last - first for first, last in finished)
+        started_s, finished_count = time.monotonic(), finished_before
         pending = store.pending_batches(spec.runs, finished, _batch_size(spec))
-        for (first, last), batch in _run_batches(spec, used, cluster, pending):
+        for (first, last), batch in _run_batches(spec, worker_setup, cluster, pending):
             results.add(first, last, batch)
-            done += last - first
-            report(done, spec.runs, done - before)
+            finished_count += last - first
+            report(finished_count, spec.runs, finished_count - finished_before)
         results.finish()
         table = store.read_results(out)
-        figures = _figures(spec, table.failures, done - before, time.monotonic() - started_s, used)
+        figures = _figures(
+            spec, table.failures, finished_count - finished_before, time.monotonic() - started_s, worker_setup
+        )
         store.write_file(out / store.SUMMARY, (json.dumps(figures, indent=2) + "\n").encode())
         store.write_file(out / store.PAGE, page.text(table, spec.notes).encode())
     return figures
@@ -74,34 +76,34 @@ def _batch_size(spec: Spec) -> int:
     return min(engine_of(spec).BATCH, max(1, spec.runs // MIN_BATCHES))
 
 
-def _cluster(used: Workers) -> AbstractContextManager[Any]:
-    """Connect to the scheduler, if there is one, before anything is written."""
-    return nullcontext() if used.scheduler is None else workers.cluster(used.scheduler)
+def _cluster(worker_setup: Workers) -> AbstractContextManager[Any]:
+    """Return the connection to the scheduler, or an empty context without a scheduler."""
+    return nullcontext() if worker_setup.scheduler is None else workers.cluster(worker_setup.scheduler)
 
 
 def _run_batches(
-    spec: Spec, used: Workers, cluster: Any, batches: Iterator[workers.Batch]
+    spec: Spec, worker_setup: Workers, cluster: Any, batches: Iterator[workers.Batch]
 ) -> Iterator[workers.FinishedBatch]:
     if cluster is not None:
         yield from workers.run_on_cluster(cluster, spec, batches)
         return
     if (first := next(batches, None)) is not None:
         engine_of(spec).make_ready(next(rows(spec, *first)))
-        yield from workers.run_locally(spec, chain([first], batches), used.count)
+        yield from workers.run_locally(spec, chain([first], batches), worker_setup.count)
 
 
-def _figures(spec: Spec, failed: int, runs_now: int, wall_s: float, used: Workers) -> dict[str, Any]:
-    """Return the wall time and the processor time of this computer for the runs of this process."""
-    usage = [resource.getrusage(one) for one in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+def _figures(spec: Spec, failed: int, runs_now: int, wall_s: float, worker_setup: Workers) -> dict[str, Any]:
+    """Return the content of summary.json; the times are for the runs of this process on this computer."""
+    usage = [resource.getrusage(target) for target in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return {
         "engine": spec.engine,
         "runs": spec.runs,
         "seconds": spec.seconds,
         "failed": failed,
         "sailed_now": runs_now,
-        "workers": None if used.scheduler else used.count,
-        "scheduler": used.scheduler,
+        "workers": None if worker_setup.scheduler else worker_setup.count,
+        "scheduler": worker_setup.scheduler,
         "wall_s": round(wall_s, 3),
-        "processor_s": round(sum(one.ru_utime + one.ru_stime for one in usage), 3),
+        "processor_s": round(sum(entry.ru_utime + entry.ru_stime for entry in usage), 3),
         "runs_per_s": round(runs_now / wall_s, 3) if wall_s else None,
     }

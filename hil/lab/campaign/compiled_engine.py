@@ -21,30 +21,34 @@ from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
 
 BATCH = 256
-READY_S = 1.0
-DEVICES = {"compass": "nmea", "servo": "dynamixel"}
+COMPILE_RUN_S = 1.0
+SUPPORTED_DEVICES = {"compass": "nmea", "servo": "dynamixel"}
 UNSUPPORTED_OPTIONS = ("supply", "vessels")
 
 
 def refusals(spec: Spec) -> list[str]:
     """Return a line for each item of a specification that the compiled loop does not support."""
-    lines = [f"with.{name}: {REFUSED}" for name in UNSUPPORTED_OPTIONS if name in spec.options]
-    lines += [f"{name}: {REFUSED}, or {only}" for name, only in DEVICES.items() if set(spec.values(name)) - {only}]
+    lines = [f"with.{name}: {NOT_SUPPORTED}" for name in UNSUPPORTED_OPTIONS if name in spec.options]
+    lines += [
+        f"{name}: {NOT_SUPPORTED}, or {supported}"
+        for name, supported in SUPPORTED_DEVICES.items()
+        if set(spec.values(name)) - {supported}
+    ]
     if "fault.what" in spec.draws:
-        lines.append(f"fault: {REFUSED}")
+        lines.append(f"fault: {NOT_SUPPORTED}")
     for name in sorted({*spec.vehicle.parameters, *(name[4:] for name in spec.draws if name.startswith("set."))}):
-        if name not in known_parameters():
-            lines.append(f"set.{name}: {REFUSED}; it supports {', '.join(sorted(known_parameters()))}")
-    if (spec.vehicle.compass.driver, spec.vehicle.rudder.driver) != tuple(DEVICES.values()):
-        lines.append(f"vehicle: its compass or servo {REFUSED}")
+        if name not in supported_parameters():
+            lines.append(f"set.{name}: {NOT_SUPPORTED}; it supports {', '.join(sorted(supported_parameters()))}")
+    if (spec.vehicle.compass.driver, spec.vehicle.rudder.driver) != tuple(SUPPORTED_DEVICES.values()):
+        lines.append(f"vehicle: its compass or servo {NOT_SUPPORTED}")
     return lines
 
 
-REFUSED = 'not supported by the compiled loop; use engine = "firmware"'
+NOT_SUPPORTED = 'not supported by the compiled loop; use engine = "firmware"'
 
 
 class _ReadRecorder:
-    """A set of parameters that records which of them are read."""
+    """A parameter set that records which parameters are read."""
 
     def __init__(self) -> None:
         self.names: set[str] = set()
@@ -56,7 +60,7 @@ class _ReadRecorder:
 
 
 @cache
-def known_parameters() -> frozenset[str]:
+def supported_parameters() -> frozenset[str]:
     """Return the names of the parameters that the compiled loop uses."""
     recorder: Any = _ReadRecorder()
     sailing.boat_of(recorder)
@@ -66,19 +70,19 @@ def known_parameters() -> frozenset[str]:
 
 def simulate(rows: Iterable[Row]) -> Iterator[Outcome]:
     """Simulate runs and yield their outcomes, in order."""
-    room = NO_ARRAY  # reused for all runs: allocating takes longer than drawing
+    buffer = NO_ARRAY  # memory is reused for all runs, because allocation takes longer than drawing
     with compiling("the closed loop"):
         for row in rows:
-            sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), room)
-            room = sea.series
+            sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), buffer)
+            buffer = sea.series
             truth = _simulate(row, sea)
             scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
             yield Outcome(digest_of(truth), scores)
 
 
 def make_ready(row: Row) -> None:
-    """Compile the loop, so that the workers load it from the cache."""
-    for _ in simulate([replace(row, seconds=READY_S)]):
+    """Compile the loop with a short run, so that the workers load it from the cache."""
+    for _ in simulate([replace(row, seconds=COMPILE_RUN_S)]):
         pass
 
 

@@ -1,7 +1,7 @@
-"""Random draws of a campaign: a fixed value, a choice or a distribution for each name.
+"""Random draws of a campaign: each name has a fixed value, a choice or a distribution.
 
-Row i draws the i-th block of the counter-based generator Philox, whose key is made of the seed and the name. So no row
-depends on another row, and adding a name to a specification does not change the draws of the others.
+Row i uses block i of the counter-based generator Philox, whose key is a hash of the seed and the name. Therefore no row
+depends on another row, and a name that is added to a specification does not change the draws of the others.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 Value = float | str
 BLOCK = 4  # 64-bit numbers that Philox generates for each counter value
-LARGEST = 1e300
+MAX_VALUE = 1e300
 DIGITS = 6  # significant digits of a drawn number, short enough to be typed
 
 
@@ -27,27 +27,27 @@ class DrawError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """A draw: the values of a choice, or the numbers of a distribution."""
+    """A draw: the values of a choice, or the parameters of a distribution."""
 
     kind: str
     values: tuple[Value, ...]
 
     @property
-    def varies(self) -> bool:
+    def has_variation(self) -> bool:
         """Return whether two rows can draw different values."""
         return len(set(self.values)) > 1
 
-    def ends(self) -> tuple[Value, ...]:
+    def limits(self) -> tuple[Value, ...]:
         """Return all values of a choice, or the limits of a distribution."""
-        return self.values if self.kind == CHOICE else DISTRIBUTIONS[self.kind].ends(self.values)
+        return self.values if self.kind == CHOICE else DISTRIBUTIONS[self.kind].limits(self.values)
 
-    def at(self, share: float) -> Value:
-        """Return the quantile for a share, 0 <= share < 1."""
+    def quantile(self, fraction: float) -> Value:
+        """Return the quantile for a probability, 0 <= fraction < 1."""
         if self.kind == CHOICE:
-            return self.values[int(share * len(self.values))]
-        row = DISTRIBUTIONS[self.kind]
-        low, high = map(float, row.ends(self.values))
-        value = float(f"{row.quantile(share, *map(float, self.values)):.{DIGITS}g}")
+            return self.values[int(fraction * len(self.values))]
+        distribution = DISTRIBUTIONS[self.kind]
+        low, high = map(float, distribution.limits(self.values))
+        value = float(f"{distribution.quantile(fraction, *map(float, self.values)):.{DIGITS}g}")
         return min(max(value, low), high)
 
 
@@ -56,27 +56,27 @@ CHOICE = "one of"
 
 @dataclass(frozen=True, slots=True)
 class _Distribution:
-    """A distribution: names of its numbers, its limits, validity check and quantile function."""
+    """A distribution: names of its parameters, its limits, check of the parameters, and quantile function."""
 
-    numbers: tuple[str, ...]
-    ends: Callable[[Sequence[Value]], tuple[Value, ...]]
-    sound: Callable[..., bool]
+    parameters: tuple[str, ...]
+    limits: Callable[[Sequence[Value]], tuple[Value, ...]]
+    is_valid: Callable[..., bool]
     quantile: Callable[..., float]
 
 
-def _uniform(share: float, low: float, high: float) -> float:
-    return low + share * (high - low)
+def _uniform(fraction: float, low: float, high: float) -> float:
+    return low + fraction * (high - low)
 
 
-def _log_uniform(share: float, low: float, high: float) -> float:
-    return low * math.exp(share * math.log(high / low))
+def _log_uniform(fraction: float, low: float, high: float) -> float:
+    return low * math.exp(fraction * math.log(high / low))
 
 
-def _normal(share: float, mean: float, spread: float, low: float, high: float) -> float:
-    normal = NormalDist(mean, spread)
-    below = normal.cdf(low)
-    inside = below + share * (normal.cdf(high) - below)
-    return normal.inv_cdf(inside) if 0.0 < inside < 1.0 else low
+def _normal(fraction: float, mean: float, sd: float, low: float, high: float) -> float:
+    normal = NormalDist(mean, sd)
+    low_fraction = normal.cdf(low)
+    total_fraction = low_fraction + fraction * (normal.cdf(high) - low_fraction)
+    return normal.inv_cdf(total_fraction) if 0.0 < total_fraction < 1.0 else low
 
 
 DISTRIBUTIONS: Mapping[str, _Distribution] = {
@@ -89,19 +89,19 @@ DISTRIBUTIONS: Mapping[str, _Distribution] = {
     "normal": _Distribution(
         ("mean", "spread", "low", "high"),
         lambda numbers: (numbers[2], numbers[3]),
-        lambda mean, spread, low, high: spread > 0.0 and low < high and max(low - mean, mean - high) < 6.0 * spread,
+        lambda mean, sd, low, high: sd > 0.0 and low < high and max(low - mean, mean - high) < 6.0 * sd,
         _normal,
     ),
 }
 REMEDY = "give a value, a list to choose from, or " + ", ".join(
-    f"{{{name} = [{', '.join(row.numbers)}]}}" for name, row in DISTRIBUTIONS.items()
+    f"{{{name} = [{', '.join(distribution.parameters)}]}}" for name, distribution in DISTRIBUTIONS.items()
 )
 
 
 def read_draw(content: Any, check: Callable[[Value], object]) -> Draw:
     """Read a draw, or raise DrawError; `check` raises ValueError for a value that is not allowed."""
     draw = _draw_of(content)
-    for value in draw.ends():
+    for value in draw.limits():
         try:
             check(value)
         except ValueError as error:
@@ -119,12 +119,12 @@ def _draw_of(content: Any) -> Draw:
 
 
 def _distribution_of(content: dict[str, Any]) -> Draw:
-    (name, numbers), *more = content.items() or [("", None)]
-    row = DISTRIBUTIONS.get(name)
-    if row is None or more or not isinstance(numbers, list) or len(numbers) != len(row.numbers):
+    (name, numbers), *others = content.items() or [("", None)]
+    distribution = DISTRIBUTIONS.get(name)
+    if distribution is None or others or not isinstance(numbers, list) or len(numbers) != len(distribution.parameters):
         raise DrawError(f"{str(content)[:60]} is not a distribution; {REMEDY}")
     values = tuple(_value(number) for number in numbers)
-    if any(isinstance(value, str) for value in values) or not row.sound(*values):
+    if any(isinstance(value, str) for value in values) or not distribution.is_valid(*values):
         raise DrawError(f"{name} of {', '.join(map(str, numbers))[:60]} is an empty range; {REMEDY}")
     return Draw(name, values)
 
@@ -134,7 +134,7 @@ def _value(value: Any) -> Value:
         return value
     if value is None:
         raise DrawError(f"is missing; {REMEDY}")
-    if isinstance(value, bool | int | float) and abs(value) <= LARGEST:  # false for NaN
+    if isinstance(value, bool | int | float) and abs(value) <= MAX_VALUE:  # false for NaN
         return float(value)
     raise DrawError(f"{str(value)[:40]!r} is not a value; {REMEDY}")
 
@@ -146,6 +146,6 @@ def blocks(seed: int, name: str, first: int, count: int) -> np.ndarray[Any, np.d
     return np.asarray(raw[::BLOCK], np.uint64)
 
 
-def shares(seed: int, name: str, first: int, count: int) -> list[float]:
-    """Return the numbers in [0, 1) that the rows first, first + 1, ... draw for a name."""
+def uniform_numbers(seed: int, name: str, first: int, count: int) -> list[float]:
+    """Return the uniform random numbers in [0, 1) of a name for the rows first, first + 1, ..."""
     return [float(bits >> 11) * 2.0**-53 for bits in blocks(seed, name, first, count).tolist()]

@@ -1,4 +1,4 @@
-"""Interface of the engines that simulate runs, and a batch of runs."""
+"""Interface of the engines that simulate runs, selection of the engine, and its versions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PACKAGES = ("rambler-autopilot", "numpy", "numba", "pymavlink", "pyarrow")
 
 
 class Engine(Protocol):
-    """A module that simulates runs; `BATCH` is the number of runs given to a worker at a time."""
+    """A module that simulates runs; `BATCH` is the maximum number of runs in a batch for a worker."""
 
     BATCH: int
 
@@ -31,7 +31,7 @@ class Engine(Protocol):
         ...
 
     def make_ready(self, row: Row) -> None:
-        """Do once what every worker needs: compile the functions for such a run."""
+        """Compile the functions that such a run needs, before workers start."""
         ...
 
     def simulate(self, rows: Iterable[Row]) -> Iterator[Outcome]:
@@ -45,22 +45,22 @@ def engine_of(spec: Spec) -> Engine:
 
 
 def run_batch(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[Result]]:
-    """Simulate the runs [first, last) in any process; return the versions of that process, and the results."""
+    """Simulate the runs [first, last); return the versions of this process and the results."""
     batch = list(rows(spec, first, last))
     return versions(), list(map(Result, batch, engine_of(spec).simulate(batch)))
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return all versions that a result depends on, with a digest of the sources of both programs."""
+    """Return all versions on which a result depends, and a digest of the sources of both programs."""
     # The bits of exp, sin and similar functions depend on the C library.
-    found = {"python": platform.python_version(), "sources": _sources(), "libc": " ".join(platform.libc_ver())}
+    result = {"python": platform.python_version(), "sources": _sources(), "libc": " ".join(platform.libc_ver())}
     for name in PACKAGES:
         try:
-            found[name] = metadata.version(name)
+            result[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return result
 
 
 def _sources() -> str:

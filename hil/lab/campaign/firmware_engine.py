@@ -1,4 +1,4 @@
-"""Simulates the runs of a campaign, with or without a fault, with the autopilot process in lockstep."""
+"""Simulate the runs of a campaign, with or without a fault, with the autopilot process in lockstep."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hil.lab.campaign.scores import scores_of
 from hil.lab.campaign.spec import NO_FAULT, Spec
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import BOOK, Drill
-from hil.lab.drill.injection import nothing
+from hil.lab.drill.injection import do_nothing
 from hil.sim import run_file, runner
 from hil.sim.ground_station import GUIDED
 from hil.sim.logbook import recorded_run
@@ -77,7 +77,7 @@ def simulate_into(row: Row, out: Path, *, with_logs: bool) -> Outcome:
     try:
         texts, ended = _run(row, out, with_logs=with_logs), FINISHED
     except HilError as error:
-        # A run that could not start has no outcome.
+        # Without this file the run did not start, so it has no outcome.
         if not (out / run_file.NAME).exists():
             raise
         texts, ended = (), ABSOLUTE_PATH.sub("...", str(error))
@@ -92,7 +92,7 @@ def simulate_into(row: Row, out: Path, *, with_logs: bool) -> Outcome:
 
 def _run(row: Row, out: Path, *, with_logs: bool) -> tuple[Message, ...]:
     if row.fault is not None:
-        # The fault may be in the log itself, so it stays enabled.
+        # The fault may concern the log, so the log is enabled.
         return run_with_fault(row, row.fault, out)
     options = row.options(out)
     if not with_logs:
@@ -100,12 +100,12 @@ def _run(row: Row, out: Path, *, with_logs: bool) -> tuple[Message, ...]:
     return runner.run(options).texts
 
 
-# Campaigns use GUIDED mode only; `rambler-hil drill` covers the faults of other modes.
+# Campaigns use GUIDED mode only; `rambler-hil drill` tests the faults of other modes.
 FAULTS: Mapping[str, Drill] = {drill.name: drill for drill in BOOK if drill.mode == GUIDED}
 # Options that the devices of DrillBoat do not support.
 UNSUPPORTED_OPTIONS = ("receiver", "supply", "vessels")
 
-NO_DRILL = Drill(NO_FAULT, "", "", nothing, nothing, 0.0, 0.0)
+NO_DRILL = Drill(NO_FAULT, "", "", do_nothing, do_nothing, 0.0, 0.0)
 
 
 def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Message, ...]:

@@ -16,7 +16,7 @@ from hil.report.page import Cell
 from hil.report.svg import Interval, format_number
 from hil.sim.truth import Array
 
-# Titles and units of the scores.
+# score -> title and unit
 NAMES = {
     "rms_deg": ("rms error", "deg"),
     "mean_deg": ("mean error", "deg"),
@@ -25,7 +25,7 @@ NAMES = {
     "overshoot_deg": ("overshoot", "deg"),
     "settling_s": ("settling time", "s"),
 }
-RANKED = tuple(name for name in NAMES if name != "mean_deg")  # larger is worse
+RANKED_SCORES = tuple(name for name in NAMES if name != "mean_deg")  # larger is worse
 WORST_RUNS, MAX_FAILED_ROWS, MAX_CHOICES = 3, 50, 20
 SENSITIVITY_NOTE = (
     "Spearman's rank correlation of each drawn value with each score, among runs in the same sea, with its 95 % "
@@ -40,23 +40,23 @@ NOTE = (
 
 
 def text(results: Results, notes: Sequence[str] = ()) -> str:
-    """Return the page, with notes below the specification."""
+    """Return the page as HTML, with notes below the specification."""
     return page.page(f"Campaign {results.directory.name}", _parts(results, notes))
 
 
 def _parts(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    failed = statistics.share(results.failures, results.runs)
+    failed = statistics.proportion(results.failures, results.runs)
     yield page.paragraph(
         f"{results.runs} runs, {results.failures} failed: {_percent(failed.value)} "
         f"({_percent(failed.low)} to {_percent(failed.high)} with 95 % confidence)",
         "lead",
     )
-    yield svg.cards([_spread(name, values) for name, values in results.scores.items()])
+    yield svg.cards([_histogram_card(name, values) for name, values in results.scores.items()])
     yield page.paragraph(NOTE, "note")
     yield from _sensitivities(results)
     yield from _choices(results)
-    yield from _worst(results)
-    yield from _failures(results)
+    yield from _worst_runs(results)
+    yield from _failed_runs(results)
     yield page.heading("Specification")
     yield page.verbatim(results.spec)
     yield from (page.paragraph(note, "note") for note in notes)
@@ -65,57 +65,65 @@ def _parts(results: Results, notes: Sequence[str]) -> Iterator[str]:
     )
 
 
-def _spread(name: str, values: Array) -> str:
+def _histogram_card(name: str, values: Array) -> str:
     title, unit = NAMES[name]
     finite = values[np.isfinite(values)]
-    never = int(np.count_nonzero(np.isinf(values)))
+    never_count = int(np.count_nonzero(np.isinf(values)))
     if not finite.size:
         return svg.card(f"{title}, {unit}", "", "no run has this score")
-    low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)).tolist()
-    percentiles = f"median {format_number(middle)}, 5 to 95 %: {format_number(low)} to {format_number(high)}"
+    low, median, high = np.quantile(finite, (0.05, 0.5, 0.95)).tolist()
+    percentiles = f"median {format_number(median)}, 5 to 95 %: {format_number(low)} to {format_number(high)}"
     lines = [f"{percentiles}, largest {format_number(np.max(finite))} {unit}"]
-    if never:
-        lines.append(f"never in {never} runs ({_percent(never / values.size)})")
-    return svg.card(f"{title}, {unit}", svg.histogram(finite, (low, middle, high)), *lines)
+    if never_count:
+        lines.append(f"never in {never_count} runs ({_percent(never_count / values.size)})")
+    return svg.card(f"{title}, {unit}", svg.histogram(finite, (low, median, high)), *lines)
 
 
 def _sensitivities(results: Results) -> Iterator[str]:
-    # Differences between the seas would hide the dependence within each of them.
-    seas = results.drawn.get("scenario", np.zeros(results.runs))
-    numbers = {name: values for name, values in results.drawn.items() if values.dtype.kind == "f"}
-    pictures = []
+    # The correlation is computed within each sea, because differences between seas would hide it.
+    seas = results.drawn_values.get("scenario", np.zeros(results.runs))
+    numbers = {name: values for name, values in results.drawn_values.items() if values.dtype.kind == "f"}
+    images = []
     for score, values in results.scores.items():
-        found = [(name, statistics.rank_correlation(drawn, values, seas)) for name, drawn in numbers.items()]
-        rows = [Interval(name, one.value, one.low, one.high) for name, one in found if one is not None]
+        correlations = [
+            (name, statistics.rank_correlation(drawn_values, values, seas)) for name, drawn_values in numbers.items()
+        ]
+        rows = [
+            Interval(name, estimate.value, estimate.low, estimate.high)
+            for name, estimate in correlations
+            if estimate is not None
+        ]
         if rows:
             rows.sort(key=lambda row: -abs(row.value))
-            pictures.append(svg.card(NAMES[score][0], svg.intervals(rows, 1.0)))
-    if pictures:
+            images.append(svg.card(NAMES[score][0], svg.intervals(rows, 1.0)))
+    if images:
         yield page.heading("Sensitivity")
-        yield svg.cards(pictures)
+        yield svg.cards(images)
         yield page.paragraph(SENSITIVITY_NOTE, "note")
 
 
 def _choices(results: Results) -> Iterator[str]:
-    """Yield a table of failed runs and medians for each drawn value with few choices."""
-    few = {name: np.unique(values) for name, values in results.drawn.items() if _few(values)}
-    if not few:
+    """Yield a table of failed runs and medians for each drawn quantity with few different values."""
+    choices_by_name = {
+        name: np.unique(values) for name, values in results.drawn_values.items() if _has_few_values(values)
+    }
+    if not choices_by_name:
         return
     yield page.heading("Results by choice")
     head = ("", "runs", "failed", *(f"{title}, {unit}" for title, unit in (NAMES[name] for name in results.scores)))
     rows: list[Sequence[str | Cell]] = [head]
-    for name, choices in few.items():
+    for name, choices in choices_by_name.items():
         for choice in choices:
-            chosen = results.drawn[name] == choice
-            failed = int(np.count_nonzero(results.failed[chosen] != ""))
-            words = choice if isinstance(choice, str) else f"{choice:g}"
-            medians = (_median(values[chosen]) for values in results.scores.values())
-            rows.append((f"{name} {words}", str(np.count_nonzero(chosen)), str(failed), *medians))
+            is_chosen = results.drawn_values[name] == choice
+            failed = int(np.count_nonzero(results.failed[is_chosen] != ""))
+            choice_text = choice if isinstance(choice, str) else f"{choice:g}"
+            medians = (_median(values[is_chosen]) for values in results.scores.values())
+            rows.append((f"{name} {choice_text}", str(np.count_nonzero(is_chosen)), str(failed), *medians))
     yield page.table(rows)
     yield page.paragraph("Medians over the runs; a run that never settles counts as the largest value.", "note")
 
 
-def _few(values: NDArray[Any]) -> bool:
+def _has_few_values(values: NDArray[Any]) -> bool:
     return len(np.unique(values[: 50 * MAX_CHOICES])) <= MAX_CHOICES and len(np.unique(values)) <= MAX_CHOICES
 
 
@@ -127,26 +135,28 @@ def _median(values: Array) -> str:
     return "never" if np.isinf(value) else format_number(value)
 
 
-def _worst(results: Results) -> Iterator[str]:
+def _worst_runs(results: Results) -> Iterator[str]:
     yield page.heading("Worst runs")
-    rows: list[Sequence[str | Cell]] = [("", "", _words("draws"))]
-    for name in RANKED:
+    rows: list[Sequence[str | Cell]] = [("", "", _text_cell("draws"))]
+    for name in RANKED_SCORES:
         values = results.scores[name]
         known = np.flatnonzero(~np.isnan(values))
         worst = known[np.argsort(-values[known], kind="stable")[:WORST_RUNS]].tolist()
-        rows += [(f"run {row}", f"{NAMES[name][0]} {_score(name, values[row])}", _drawn(results, row)) for row in worst]
+        rows += [
+            (f"run {row}", f"{NAMES[name][0]} {_score(name, values[row])}", _draws_cell(results, row)) for row in worst
+        ]
     yield page.table(rows)
 
 
-def _failures(results: Results) -> Iterator[str]:
+def _failed_runs(results: Results) -> Iterator[str]:
     failed = np.flatnonzero(results.failed != "")
     if not failed.size:
         return
     yield page.heading("Failed runs")
-    rows: list[Sequence[str | Cell]] = [("", _words("reason"), _words("warnings"), _words("draws"))]
+    rows: list[Sequence[str | Cell]] = [("", _text_cell("reason"), _text_cell("warnings"), _text_cell("draws"))]
     for row in failed[:MAX_FAILED_ROWS].tolist():
         warnings = results.faults[row] or ""
-        rows.append((f"run {row}", _words(results.failed[row]), _words(warnings), _drawn(results, row)))
+        rows.append((f"run {row}", _text_cell(results.failed[row]), _text_cell(warnings), _draws_cell(results, row)))
     yield page.table(rows)
     if failed.size > MAX_FAILED_ROWS:
         yield page.paragraph(f"First {MAX_FAILED_ROWS} of {failed.size}; {store.RUNS} lists all.", "note")
@@ -158,8 +168,8 @@ def command(results: Results, row: int) -> str:
     return shlex.join(("rambler-hil", "campaign", "replay", str(results.directory), str(row), "--out", str(out)))
 
 
-def _drawn(results: Results, row: int) -> Cell:
-    texts = [f"{name} {results.text_of(name, row)}" for name in results.drawn]
+def _draws_cell(results: Results, row: int) -> Cell:
+    texts = [f"{name} {results.text_of(name, row)}" for name in results.drawn_values]
     return Cell(", ".join([f"seed {results.seeds[row]}", *texts]), "words", command(results, row))
 
 
@@ -167,9 +177,9 @@ def _score(name: str, value: float) -> str:
     return "never" if np.isinf(value) else f"{format_number(value)} {NAMES[name][1]}"
 
 
-def _words(text_: str) -> Cell:
-    return Cell(text_, "words")
+def _text_cell(words: str) -> Cell:
+    return Cell(words, "words")
 
 
-def _percent(part: float) -> str:
-    return f"{100.0 * part:.3g} %"
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.3g} %"

@@ -29,11 +29,13 @@ class Replay:
 
 
 def read_campaign_spec(directory: Path) -> Spec:
-    """Read the specification of a campaign's directory; raise UsageError if it has changed since."""
-    known = store.read_identity(directory)
-    spec = read_spec(directory / store.SPEC, Path(str(known.get("beside", ""))))
-    if spec.digest != known.get("digest"):
-        raise UsageError(f"{directory}: specification or vehicle file changed since the campaign{_other(directory)}")
+    """Read the specification of a campaign's directory; raise UsageError if it has changed since the campaign."""
+    identity = store.read_identity(directory)
+    spec = read_spec(directory / store.SPEC, Path(str(identity.get("beside", ""))))
+    if spec.digest != identity.get("digest"):
+        raise UsageError(
+            f"{directory}: specification or vehicle file changed since the campaign{_version_text(directory)}"
+        )
     return spec
 
 
@@ -42,9 +44,9 @@ def result_of(directory: Path, spec: Spec, index: int) -> dict[str, Any]:
     if not 0 <= index < spec.runs:
         raise UsageError(f"run {index} does not exist; give a number from 0 to {spec.runs - 1}")
     for path in store.result_files(directory, index):
-        for name in store.read_table(path).to_pylist():
-            if name["row"] == index:
-                return dict(name)
+        for result in store.read_table(path).to_pylist():
+            if result["row"] == index:
+                return dict(result)
     raise UsageError(f"run {index} is not finished; continue the campaign with --resume first")
 
 
@@ -63,30 +65,34 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
             differences += _differences(row, read(out / TRUTH_FILE))
         _, page = run_page.make(out)
     if digest != result["digest"]:
-        differences.insert(0, f"digest {digest} instead of {result['digest']}{_other(directory)}")
+        differences.insert(0, f"digest {digest} instead of {result['digest']}{_version_text(directory)}")
     return Replay(tuple(differences), page)
 
 
 def _differences(row: Row, truth: Truth) -> list[str]:
-    """Return where the runs of the two engines first differ in the nine digits of truth.csv."""
+    """Return texts with the times at which the two engines first differ in the nine digits of truth.csv."""
     from hil.lab.campaign import compiled_engine  # noqa: PLC0415 - slow to import
 
-    ours = compiled_engine.simulate_truth(row)
+    compiled_truth = compiled_engine.simulate_truth(row)
     lines = []
     for name in ("heading_low_rad", "rudder_rad"):
-        mine = np.char.mod("%.9g", getattr(ours, name)).astype(float)
-        theirs = getattr(truth, name)
-        rows_ = min(mine.size, theirs.size)
-        if (wrong := np.flatnonzero(mine[:rows_] != theirs[:rows_])).size or mine.size != theirs.size:
-            at_s = truth.time_s[wrong[0]] if wrong.size else truth.time_s[rows_ - 1]
-            lines.append(f"{name} of autopilot and compiled engine differ from {at_s:g} s on")
+        compiled_values = np.char.mod("%.9g", getattr(compiled_truth, name)).astype(float)
+        autopilot_values = getattr(truth, name)
+        row_count = min(compiled_values.size, autopilot_values.size)
+        if (
+            different := np.flatnonzero(compiled_values[:row_count] != autopilot_values[:row_count])
+        ).size or compiled_values.size != autopilot_values.size:
+            first_s = truth.time_s[different[0]] if different.size else truth.time_s[row_count - 1]
+            lines.append(f"{name} of autopilot and compiled engine differ from {first_s:g} s on")
     return lines
 
 
-def _other(directory: Path) -> str:
-    """Return a text that names the versions that differ from those of the campaign."""
-    known = store.read_identity(directory).get("versions", {})
-    own = versions()
-    differs = sorted(name for name in own.keys() | known.keys() if own.get(name) != known.get(name))
-    by = store.read_identity(directory).get("program", "an unknown program")
-    return f"; the campaign was run by {by} with other versions ({', '.join(differs)})" if differs else ""
+def _version_text(directory: Path) -> str:
+    """Return a text that names the versions that differ between this program and the campaign."""
+    identity = store.read_identity(directory).get("versions", {})
+    own_versions = versions()
+    differing = sorted(
+        name for name in own_versions.keys() | identity.keys() if own_versions.get(name) != identity.get(name)
+    )
+    program = store.read_identity(directory).get("program", "an unknown program")
+    return f"; the campaign was run by {program} with other versions ({', '.join(differing)})" if differing else ""

@@ -1,4 +1,4 @@
-"""A run of a campaign, computed from the specification and its number alone, and its outcome."""
+"""A run of a campaign, which depends only on the specification and its number, and the outcome of the run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import msgspec
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
 from firmware_py.vehicle import Vehicle
-from hil.lab.campaign.draws import Value, blocks, shares
+from hil.lab.campaign.draws import Value, blocks, uniform_numbers
 from hil.lab.campaign.scores import Scores
 from hil.lab.campaign.spec import Spec
 from hil.ship import disturbance_options, scenarios
@@ -24,7 +24,7 @@ from hil.sim.vehicle_file import model_of, with_devices
 
 SEED_BITS = 48
 # Factors on the model of the ship, and the parameters of the vehicle file that they scale.
-MODEL = {"K": "MDL_K", "T": "MDL_T_S", "alpha": "MDL_ALPHA_S2"}
+MODEL_PARAMETERS = {"K": "MDL_K", "T": "MDL_T_S", "alpha": "MDL_ALPHA_S2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A run; `vehicle` has the parameters of the simulated ship, `settings` those that the autopilot uses instead.
+    """A run. `vehicle`: parameters of the simulated ship. `settings`: parameters that the autopilot uses instead.
 
     `fault` is None in a campaign without faults.
     """
@@ -51,10 +51,10 @@ class Row:
     vehicle: Vehicle
     settings: Mapping[str, float]
     fault: Fault | None
-    drawn: Mapping[str, Value]
+    drawn_values: Mapping[str, Value]
 
     def options(self, out: Path) -> RunOptions:
-        """Return the options with which the harness makes this run into a directory."""
+        """Return the options with which the harness simulates this run into a directory."""
         return RunOptions(
             self.scenario,
             self.seconds,
@@ -70,22 +70,22 @@ def rows(spec: Spec, first: int, last: int) -> Iterator[Row]:
     """Yield the runs [first, last)."""
     count = last - first
     seeds = (blocks(spec.seed, "seed", first, count) >> (64 - SEED_BITS)).tolist()
-    fixed = {name: draw.at(0.0) for name, draw in spec.draws.items() if not draw.varies}
-    varied = {name: shares(spec.seed, name, first, count) for name in spec.drawn}
-    for number, seed in enumerate(seeds):
-        drawn = {name: spec.draws[name].at(numbers[number]) for name, numbers in varied.items()}
-        yield _row(spec, first + number, seed, fixed | drawn, drawn)
+    fixed = {name: draw.quantile(0.0) for name, draw in spec.draws.items() if not draw.has_variation}
+    numbers_by_name = {name: uniform_numbers(spec.seed, name, first, count) for name in spec.drawn_names}
+    for offset, seed in enumerate(seeds):
+        drawn_values = {name: spec.draws[name].quantile(numbers[offset]) for name, numbers in numbers_by_name.items()}
+        yield _row(spec, first + offset, seed, fixed | drawn_values, drawn_values)
 
 
 def extremes(spec: Spec) -> Iterator[Row]:
-    """Yield two runs for each scenario: all other draws at their lower, and at their upper limits."""
+    """Yield two runs for each scenario: one with all other draws at their lower limits, one at their upper limits."""
     for scenario in spec.values("scenario"):
-        for end in (0, -1):
-            values = {name: draw.ends()[end] for name, draw in spec.draws.items()} | {"scenario": scenario}
+        for limit_index in (0, -1):
+            values = {name: draw.limits()[limit_index] for name, draw in spec.draws.items()} | {"scenario": scenario}
             yield _row(spec, 0, 0, values, {})
 
 
-def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn: Mapping[str, Value]) -> Row:
+def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn_values: Mapping[str, Value]) -> Row:
     vehicle, settings = _vehicle_and_settings(spec.vehicle, values)
     compass, servo = (str(values[name]) if name in values else None for name in ("compass", "servo"))
     return Row(
@@ -97,7 +97,7 @@ def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn: 
         with_devices(vehicle, compass, servo),
         settings,
         _fault(values),
-        drawn,
+        drawn_values,
     )
 
 
@@ -109,7 +109,7 @@ def _scenario(spec: Spec, values: Mapping[str, Value]) -> Scenario:
 
 
 def _option(name: str, values: Mapping[str, Value]) -> str:
-    """Return an option in the syntax of `--with`, with its defaults."""
+    """Return an option in the syntax of `--with`; values that are not drawn have their defaults."""
     return disturbance_options.format_option(
         name, {key: values.get(f"with.{name}.{key}") for key in disturbance_options.number_names(name)}
     )
@@ -118,13 +118,15 @@ def _option(name: str, values: Mapping[str, Value]) -> str:
 def _vehicle_and_settings(vehicle: Vehicle, values: Mapping[str, Value]) -> tuple[Vehicle, dict[str, float]]:
     """Return the vehicle with the scaled model of the ship, and the parameters of the autopilot."""
     settings: dict[str, float] = {}
-    factors = {name: float(values[f"ship.{name}"]) for name in MODEL if f"ship.{name}" in values}
+    factors = {name: float(values[f"ship.{name}"]) for name in MODEL_PARAMETERS if f"ship.{name}" in values}
     if factors:
         model = model_of(vehicle)
-        true = dict(zip(MODEL, (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2), strict=True))
-        ship = {MODEL[name]: true[name] * factor for name, factor in factors.items()}
-        settings = {name: vehicle.parameters.get(name, TABLE[index_of(name)].default) for name in ship}
-        vehicle = msgspec.structs.replace(vehicle, parameters={**vehicle.parameters, **ship})
+        model_values = dict(
+            zip(MODEL_PARAMETERS, (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2), strict=True)
+        )
+        ship_parameters = {MODEL_PARAMETERS[name]: model_values[name] * factor for name, factor in factors.items()}
+        settings = {name: vehicle.parameters.get(name, TABLE[index_of(name)].default) for name in ship_parameters}
+        vehicle = msgspec.structs.replace(vehicle, parameters={**vehicle.parameters, **ship_parameters})
     for name, value in values.items():
         if name.startswith("set."):
             parameter = name.removeprefix("set.")
@@ -140,10 +142,10 @@ def _fault(values: Mapping[str, Value]) -> Fault | None:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of a run; `digest` is that of truth.csv or, with the compiled engine, of heading and rudder.
+    """Outcome of a run; `digest` is the digest of truth.csv or, with the compiled engine, of heading and rudder.
 
-    `faults` are the warnings that the autopilot sent, None for an engine without warnings. `scores` is None if the run
-    ended early or no goal lasted.
+    `faults`: warnings of the autopilot, None for an engine without warnings. `scores`: None if the run ended early or
+    no goal was steady.
     """
 
     digest: str
@@ -159,9 +161,9 @@ def failure(outcome: Outcome, limits: Mapping[str, float]) -> str:
     if outcome.scores is None:
         return "no goal lasted" if limits else ""
     values = {name: getattr(outcome.scores, name) for name in limits}
-    # NaN fails, too.
-    over = [name for name, value in values.items() if not abs(value) <= limits[name]]
-    return ", ".join(f"{name} {_score_text(values[name])}" for name in over)
+    # NaN counts as a failure.
+    exceeded = [name for name, value in values.items() if not abs(value) <= limits[name]]
+    return ", ".join(f"{name} {_score_text(values[name])}" for name in exceeded)
 
 
 def _score_text(value: float) -> str:

@@ -19,9 +19,9 @@ STEADY_ROWS = round(STEADY_AFTER_S * ROWS_PER_SECOND)
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Scores of a run: errors (heading minus goal) and rudder travel are those of the steady parts of all goals.
+    """Scores of a run: errors (heading minus goal) and rudder travel in the steady parts of all goals.
 
-    `overshoot_deg` and `settling_s` are the largest of all goals; `settling_s` is inf if the heading did not settle.
+    `overshoot_deg` and `settling_s` are the maxima over all goals; `settling_s` is inf if a heading did not settle.
     """
 
     rms_deg: float
@@ -32,13 +32,13 @@ class Scores:
     settling_s: float
 
 
-SCORE_NAMES = tuple(one.name for one in fields(Scores))
+SCORE_NAMES = tuple(score_field.name for score_field in fields(Scores))
 
 
 def scores_of(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats) -> Scores | None:
-    """Compute the scores of a run from ten rows a second; the goal is NaN before the first. None if no goal lasts."""
+    """Compute the scores from ten rows per second; the goal is NaN before the first one. None without a steady goal."""
     results = np.zeros(6)
-    if not _measure(heading_rad, rudder_rad, goal_rad, results):
+    if not _compute_scores(heading_rad, rudder_rad, goal_rad, results):
         return None
     rms, mean, worst, travel, overshoot, settling = results.tolist()
     return Scores(
@@ -52,7 +52,8 @@ def scores_of(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats) -> Scor
 
 
 @compiled
-def _measure(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results: Floats) -> bool:
+def _compute_scores(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results: Floats) -> bool:
+    """Compute the scores in radians and rows into `results`; return whether a goal lasts at least two rows."""
     steady_rows, travel_rows, first = 0, 0, 0
     while first < goal_rad.size:
         last = first + 1
@@ -76,7 +77,7 @@ def _measure(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results:
 
 @compiled
 def _steady_from(first: int, last: int) -> int:
-    """Return the row at which the steady part of a goal begins; it has at least two rows."""
+    """Return the first row of the steady part of the goal in rows [first, last); that part has at least two rows."""
     length = last - 1 - first
     steady = first + STEADY_ROWS if length > STEADY_ROWS else last - 1 - length // 3
     return min(steady, last - 2)
@@ -84,20 +85,21 @@ def _steady_from(first: int, last: int) -> int:
 
 @compiled
 def _judge_goal(heading_rad: Floats, goal_rad: float, first: int, steady: int, last: int, results: Floats) -> None:
-    turned_rad = goal_rad + TWO_PI * math.floor((heading_rad[last - 1] - goal_rad) / TWO_PI + 0.5)
-    step_rad = turned_rad - heading_rad[first]
-    side, settled, beyond_rad = math.copysign(1.0, step_rad), first, 0.0
+    """Add the figures of one goal, rows [first, last) with the steady part from `steady`, to the results."""
+    final_goal_rad = goal_rad + TWO_PI * math.floor((heading_rad[last - 1] - goal_rad) / TWO_PI + 0.5)
+    step_rad = final_goal_rad - heading_rad[first]
+    side, settled_row, overshoot_rad = math.copysign(1.0, step_rad), first, 0.0
     for row in range(first, last):
         error_rad = heading_rad[row] - goal_rad
         error_rad -= TWO_PI * math.floor(error_rad / TWO_PI + 0.5)
         if abs(error_rad) > SETTLED_RAD:
-            settled = row + 1
+            settled_row = row + 1
         if row < steady:
-            beyond_rad = max(beyond_rad, side * (heading_rad[row] - turned_rad))
+            overshoot_rad = max(overshoot_rad, side * (heading_rad[row] - final_goal_rad))
         else:
             results[RMS] += error_rad * error_rad
             results[MEAN] += error_rad
             results[WORST] = max(results[WORST], abs(error_rad))
     if abs(step_rad) >= SETTLED_RAD:
-        results[OVERSHOOT] = max(results[OVERSHOOT], beyond_rad)
-    results[SETTLING] = max(results[SETTLING], np.inf if settled == last else float(settled - first))
+        results[OVERSHOOT] = max(results[OVERSHOOT], overshoot_rad)
+    results[SETTLING] = max(results[SETTLING], np.inf if settled_row == last else float(settled_row - first))

@@ -30,11 +30,11 @@ MAX_SECONDS = 1e6
 FIRMWARE, COMPILED = "firmware", "compiled"
 ENGINES = (FIRMWARE, COMPILED)
 FORMER_ENGINES = {"twin": COMPILED}
-# Factors on the model of the simulated ship, unknown to the autopilot, and on the speed of the scenario.
-SHIP = ("K", "T", "alpha", "speed")
-SHIP_RANGE = (0.1, 10.0)
+# Factors on the model of the simulated ship, which the autopilot does not know, and on the speed of the scenario.
+SHIP_FACTORS = ("K", "T", "alpha", "speed")
+FACTOR_RANGE = (0.1, 10.0)
 NO_FAULT = "none"
-FAULT_S = {"at_s": None, "for_s": 30.0}
+FAULT_TIME_DEFAULTS_S = {"at_s": None, "for_s": 30.0}
 KEYS = (
     "engine", "runs", "seed", "seconds", "goals", "scenarios", "compass", "servo", "vehicle", "ship", "with", "set",
     "fault", "fail",
@@ -43,10 +43,10 @@ KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """A campaign; `draws` has the draw of each value by a name like "with.leeway.body_deg".
+    """Specification of a campaign; `draws` contains the draw of each value by a name such as "with.leeway.body_deg".
 
-    `options` are the `--with` options of every run; `digest` is that of the content without comments, `text` is the
-    whole file; `notes` are sentences for the operator.
+    `options`: the `--with` options of every run. `digest`: of the content without comments. `text`: the whole file.
+    `notes`: messages to the operator.
     """
 
     engine: str
@@ -62,13 +62,13 @@ class Spec:
     text: str = ""
 
     @property
-    def drawn(self) -> tuple[str, ...]:
-        """Return the sorted names of the values that differ from run to run."""
-        return tuple(sorted(name for name, draw in self.draws.items() if draw.varies))
+    def drawn_names(self) -> tuple[str, ...]:
+        """Return the sorted names of the values that differ between runs."""
+        return tuple(sorted(name for name, draw in self.draws.items() if draw.has_variation))
 
     def values(self, name: str) -> tuple[Value, ...]:
         """Return the choices or limits of a draw; empty for an unknown name."""
-        return self.draws[name].ends() if name in self.draws else ()
+        return self.draws[name].limits() if name in self.draws else ()
 
 
 Refusals = Callable[[Spec], list[str]]
@@ -77,8 +77,8 @@ Refusals = Callable[[Spec], list[str]]
 def read_spec_file(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path | None = None) -> Spec:
     """Read a specification, or raise UsageError with a line for each error.
 
-    `faults` are the known faults; `refusals` returns the items that the engine does not support. The path of a vehicle
-    file is relative to the directory `beside`, by default that of the specification.
+    `faults`: names of the known faults. `refusals` returns a line for each item that the engine does not support.
+    The path of a vehicle file is relative to the directory `beside`, by default that of the specification.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode()
@@ -103,7 +103,7 @@ class SpecError(ValueError):
 
 
 def parse(content: Mapping[str, Any], faults: tuple[str, ...], refusals: Refusals, beside: Path = Path()) -> Spec:
-    """Read the content of a specification, or raise SpecError; `beside` is the directory of the vehicle file."""
+    """Parse the content of a specification, or raise SpecError; `beside` is the directory of the vehicle file."""
     reader = _Reader(content, faults, beside)
     spec = reader.spec()
     problems = reader.problems + (refusals(spec) if spec.engine in ENGINES else [])
@@ -129,11 +129,11 @@ class _Reader:
         vehicle = self._vehicle()
         self._draw("scenario", self.content.get("scenarios", []), _check_scenario, "scenarios")
         self._draw("goals", self.content.get("goals", "0:0"), lambda text: _check_goals(text, seconds))
-        for name, known in (("compass", COMPASSES), ("servo", SERVOS)):
+        for name, known_keys in (("compass", COMPASSES), ("servo", SERVOS)):
             if name in self.content:
-                self._draw(name, self.content[name], _one_of(known))
-        for name, value in self._table("ship", SHIP).items():
-            self._draw(f"ship.{name}", value, _within(*SHIP_RANGE))
+                self._draw(name, self.content[name], _one_of(known_keys))
+        for name, value in self._table("ship", SHIP_FACTORS).items():
+            self._draw(f"ship.{name}", value, _within(*FACTOR_RANGE))
         options = tuple(self._option(name, value) for name, value in self._table("with").items())
         for name, value in self._table("set").items():
             self._draw(f"set.{name}", value, partial(_check_parameter, name))
@@ -154,39 +154,39 @@ class _Reader:
         )
 
     def _engine(self) -> tuple[Any, tuple[str, ...]]:
-        """Return the engine by its present name, and a note where the specification uses a former name."""
+        """Return the present name of the engine, and a note if the specification uses a former name."""
         name = self.content.get("engine")
-        present = FORMER_ENGINES.get(name) if isinstance(name, str) else None
-        if present is None:
+        current_name = FORMER_ENGINES.get(name) if isinstance(name, str) else None
+        if current_name is None:
             return name, ()
-        return present, (f'engine: "{name}" is the old name of "{present}"; both select the same engine',)
+        return current_name, (f'engine: "{name}" is the old name of "{current_name}"; both select the same engine',)
 
     def _problem(self, where: str, text: object) -> None:
         line = " ".join(f"{where}: {text}".split())
-        self.problems.append("".join(one if one.isprintable() else "?" for one in line))
+        self.problems.append("".join(option_field if option_field.isprintable() else "?" for option_field in line))
 
-    def _known(self, where: str, names: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    def _known(self, where: str, names: Mapping[str, Any], known_keys: tuple[str, ...]) -> None:
         for name in names:
-            if name not in known:
-                self._problem(f"{where}{name[:40]}", f"unknown key; use one of {', '.join(known)}")
+            if name not in known_keys:
+                self._problem(f"{where}{name[:40]}", f"unknown key; use one of {', '.join(known_keys)}")
 
-    def _table(self, name: str, known: tuple[str, ...] = ()) -> Mapping[str, Any]:
+    def _table(self, name: str, known_keys: tuple[str, ...] = ()) -> Mapping[str, Any]:
         value = self.content.get(name, {})
         if not isinstance(value, dict):
             self._problem(name, f"must be a table, [{name}]")
             return {}
-        if known:
-            self._known(f"{name}.", value, known)
-        return {key: one for key, one in value.items() if not known or key in known}
+        if known_keys:
+            self._known(f"{name}.", value, known_keys)
+        return {key: option_field for key, option_field in value.items() if not known_keys or key in known_keys}
 
     def _number(
         self, name: str, low: float, high: float, *, default: float | None = None, whole: bool = False
     ) -> float:
         value = self.content.get(name, default)
-        kinds = (int,) if whole else (int, float)
-        if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
-            state = "is missing" if value is None else f"{value!r:.40} is not allowed"
-            self._problem(name, f"{state}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
+        types = (int,) if whole else (int, float)
+        if isinstance(value, bool) or not isinstance(value, types) or not low <= value <= high:
+            problem = "is missing" if value is None else f"{value!r:.40} is not allowed"
+            self._problem(name, f"{problem}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
             return high
         return value
 
@@ -208,29 +208,29 @@ class _Reader:
             return standard_vehicle()
 
     def _option(self, name: str, content: Any) -> str:
-        """Read an option: true, its first number, or a table of its numbers by name."""
+        """Read a disturbance option: true, the first number, or a table of numbers by name; return its name."""
         row = disturbance_options.BY_NAME.get(name)
         if row is None:
             self._problem(f"with.{name[:40]}", f"unknown option; use one of {', '.join(disturbance_options.BY_NAME)}")
             return ""
-        known = {one.name: one for one in fields(row.record)}
-        named = isinstance(content, dict) and bool(content.keys() & known.keys())
-        numbers = content if named else {} if content is True else {next(iter(known)): content}
-        self._known(f"with.{name}.", numbers, tuple(known))
+        known_keys = {option_field.name: option_field for option_field in fields(row.record)}
+        named = isinstance(content, dict) and bool(content.keys() & known_keys.keys())
+        numbers = content if named else {} if content is True else {next(iter(known_keys)): content}
+        self._known(f"with.{name}.", numbers, tuple(known_keys))
         for key, value in numbers.items():
-            if key in known:
-                self._draw(f"with.{name}.{key}", value, _check_option(known[key]))
+            if key in known_keys:
+                self._draw(f"with.{name}.{key}", value, _check_option(known_keys[key]))
         for key in disturbance_options.required_numbers(row):
             if key not in numbers:
                 self._problem(f"with.{name}", f"{key} has no default; give a value")
         return name
 
     def _fault(self, seconds: float) -> None:
-        table = self._table("fault", ("what", *FAULT_S))
+        table = self._table("fault", ("what", *FAULT_TIME_DEFAULTS_S))
         if not table:
             return
         self._draw("fault.what", table.get("what", []), _one_of((NO_FAULT, *self.faults)))
-        for name, default in FAULT_S.items():
+        for name, default in FAULT_TIME_DEFAULTS_S.items():
             self._draw(f"fault.{name}", table.get(name, default), _within(0.0, seconds))
 
     def _limit(self, name: str, value: Any) -> float:
@@ -240,10 +240,10 @@ class _Reader:
         return float(value)
 
 
-def _one_of(known: Any) -> Callable[[Value], None]:
+def _one_of(known_keys: Any) -> Callable[[Value], None]:
     def check(value: Value) -> None:
-        if value not in known:
-            raise ValueError(f"{str(value)[:40]!r} is unknown; use one of {', '.join(known)}")
+        if value not in known_keys:
+            raise ValueError(f"{str(value)[:40]!r} is unknown; use one of {', '.join(known_keys)}")
 
     return check
 
@@ -272,7 +272,7 @@ def _check_parameter(name: str, value: Value) -> None:
     row.check(value)
 
 
-def _check_option(one: Any) -> Callable[[Value], None]:
-    if "choices" in one.metadata:
-        return _one_of(one.metadata["choices"])
-    return _within(one.metadata["low"], one.metadata["high"])
+def _check_option(option_field: Any) -> Callable[[Value], None]:
+    if "choices" in option_field.metadata:
+        return _one_of(option_field.metadata["choices"])
+    return _within(option_field.metadata["low"], option_field.metadata["high"])

@@ -29,22 +29,22 @@ from hil.sim.truth import Array
 EXTRA = "rambler-autopilot[campaign]"
 
 
-def imported(name: str) -> Any:
-    """Return a module of the extra; UsageError that names the remedy where it is not installed."""
+def import_extra(match: str) -> Any:
+    """Import a module of the extra, or raise UsageError that names the package to install."""
     try:
-        return importlib.import_module(name)
+        return importlib.import_module(match)
     except ImportError:
-        raise UsageError(f"{name.partition('.')[0]} is not installed; pip install '{EXTRA}'") from None
+        raise UsageError(f"{match.partition('.')[0]} is not installed; pip install '{EXTRA}'") from None
 
 
 RUNS, PARTS, SPEC, SUMMARY, PAGE = "runs.parquet", "parts", "spec.toml", "summary.json", "report.html"
 PART = re.compile(r"(\d{8})-(\d{8})\.parquet")
-GROUP_ROWS = 1 << 16  # rows of a Parquet row group
+ROWS_PER_GROUP = 1 << 16  # of a Parquet row group
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """Directory of a campaign, locked by the caller; `beside` is the directory of its specification."""
+    """Directory of a campaign, which the caller has locked; `beside` is the directory of its specification."""
 
     directory: Path
     spec: Spec
@@ -52,35 +52,35 @@ class Store:
     beside: Path = Path()
 
     def begin(self, *, resume: bool) -> None:
-        """Begin or resume a campaign; raise UsageError if the directory holds another one, or without `resume`."""
+        """Begin or resume a campaign; raise UsageError if the directory has another one, or `resume` is missing."""
         path = self.directory / CAMPAIGN
         if not path.exists():
-            # A campaign that was killed at its start leaves some of these files.
-            begun = {PARTS, SPEC, f"{SPEC}.new", f"{CAMPAIGN}.new"}
-            if any(one.name not in begun for one in self.directory.iterdir()):
-                raise UsageError(f"{self.directory} is not empty and holds no campaign; give another --out")
+            # Files that remain if a campaign is killed while it starts.
+            start_files = {PARTS, SPEC, f"{SPEC}.new", f"{CAMPAIGN}.new"}
+            if any(outcome.name not in start_files for outcome in self.directory.iterdir()):
+                raise UsageError(f"{self.directory} is not empty and contains no campaign; give another --out")
             (self.directory / PARTS).mkdir(exist_ok=True)
             write_file(self.directory / SPEC, self.spec.text.encode())
             write_file(path, (json.dumps(self._identity(), indent=2) + "\n").encode())
             return
-        known = read_identity(self.directory)
-        # Checked first: another version may read the same specification differently.
-        if known.get("versions") != self.versions:
-            differs = sorted(
-                name
-                for name in self.versions.keys() | known.get("versions", {}).keys()
-                if self.versions.get(name) != known.get("versions", {}).get(name)
+        identity = read_identity(self.directory)
+        # Before the digest, because another version may read the same specification differently.
+        if identity.get("versions") != self.versions:
+            differing = sorted(
+                match
+                for match in self.versions.keys() | identity.get("versions", {}).keys()
+                if self.versions.get(match) != identity.get("versions", {}).get(match)
             )
-            by = f" by {known['program']}" if "program" in known else ""
+            program_text = f" by {identity['program']}" if "program" in identity else ""
             raise UsageError(
-                f"{self.directory} was begun{by} with other versions ({', '.join(differs)}), and this is {program()}; "
-                "use those versions, or give another --out"
+                f"{self.directory} was begun{program_text} with other versions ({', '.join(differing)}), and "
+                f"this is {program()}; use those versions, or give another --out"
             )
-        if known.get("digest") != self.spec.digest:
-            raise UsageError(f"{self.directory} holds the campaign of another specification; give another --out")
+        if identity.get("digest") != self.spec.digest:
+            raise UsageError(f"{self.directory} contains the campaign of another specification; give another --out")
         if not resume:
             raise UsageError(
-                f"{self.directory} already holds this campaign; continue with --resume, or give another --out"
+                f"{self.directory} already contains this campaign; continue with --resume, or give another --out"
             )
 
     def _identity(self) -> dict[str, Any]:
@@ -93,74 +93,74 @@ class Store:
         }
 
     def finished(self) -> list[tuple[int, int]]:
-        """Return the finished runs [first, last) in order; delete incomplete parts."""
+        """Return the ranges [first, last) of finished runs, sorted; delete incomplete files."""
         if (self.directory / RUNS).exists():
             return [(0, self.spec.runs)]
         parts = []
-        (self.directory / PARTS).mkdir(exist_ok=True)  # missing if the results were deleted
+        (self.directory / PARTS).mkdir(exist_ok=True)  # may be missing if the results were deleted
         for path in (self.directory / PARTS).iterdir():
-            if (name := PART.fullmatch(path.name)) is not None:
-                parts.append((int(name[1]), int(name[2])))
+            if (match := PART.fullmatch(path.name)) is not None:
+                parts.append((int(match[1]), int(match[2])))
             else:
                 path.unlink()
         return sorted(parts)
 
     def add(self, first: int, last: int, results: Sequence[Result]) -> None:
         """Write a finished batch."""
-        write_file(self.directory / PARTS / f"{first:08}-{last:08}.parquet", _encoded(self._table(results)))
+        write_file(self.directory / PARTS / f"{first:08}-{last:08}.parquet", _encode(self._table(results)))
 
     def finish(self) -> None:
-        """Join all parts to one file and remove them."""
+        """Merge all batches into one file and delete their files."""
         path, parts = self.directory / RUNS, self.directory / PARTS
         if not path.exists():
             tables = [read_table(parts / f"{first:08}-{last:08}.parquet") for first, last in self.finished()]
-            write_file(path, _encoded(imported("pyarrow").concat_tables(tables).combine_chunks()))
+            write_file(path, _encode(import_extra("pyarrow").concat_tables(tables).combine_chunks()))
         if parts.exists():
             for part in parts.iterdir():
                 part.unlink()
             parts.rmdir()
 
     def _table(self, results: Sequence[Result]) -> Any:
-        pa = imported("pyarrow")
+        pa = import_extra("pyarrow")
         rows = [result.row for result in results]
         outcomes = [result.outcome for result in results]
-        scores = [{} if one.scores is None else asdict(one.scores) for one in outcomes]
+        scores = [{} if outcome.scores is None else asdict(outcome.scores) for outcome in outcomes]
         columns = {"row": pa.array([row.index for row in rows], pa.int64())}
         columns["seed"] = pa.array([row.seed for row in rows], pa.int64())
-        for name in self.spec.drawn:
-            values = [row.drawn[name] for row in rows]
-            texts = any(isinstance(value, str) for value in self.spec.draws[name].values)
-            columns[name] = pa.array([str(value) for value in values] if texts else values)
-        for name in SCORE_NAMES:
-            columns[name] = pa.array([score.get(name) for score in scores], pa.float64())
-        columns["faults"] = pa.array([_joined(one.faults) for one in outcomes], pa.string())
-        columns["ended"] = pa.array([one.ended for one in outcomes], pa.string())
-        columns["failed"] = pa.array([failure(one, self.spec.limits) for one in outcomes], pa.string())
-        columns["digest"] = pa.array([one.digest for one in outcomes], pa.string())
+        for match in self.spec.drawn_names:
+            values = [row.drawn_values[match] for row in rows]
+            is_text = any(isinstance(value, str) for value in self.spec.draws[match].values)
+            columns[match] = pa.array([str(value) for value in values] if is_text else values)
+        for match in SCORE_NAMES:
+            columns[match] = pa.array([score.get(match) for score in scores], pa.float64())
+        columns["faults"] = pa.array([_join(outcome.faults) for outcome in outcomes], pa.string())
+        columns["ended"] = pa.array([outcome.ended for outcome in outcomes], pa.string())
+        columns["failed"] = pa.array([failure(outcome, self.spec.limits) for outcome in outcomes], pa.string())
+        columns["digest"] = pa.array([outcome.digest for outcome in outcomes], pa.string())
         identity = {"rambler.spec": self.spec.digest, "rambler.sources": self.versions["sources"]}
         return pa.table(columns, metadata=identity)
 
 
 def program() -> str:
-    """Return the program and its commit for people; results depend on `versions` alone."""
+    """Return the program and its commit, for messages only; results depend on `versions` alone."""
     return version_text("rambler-hil", commit_of(ROOT))
 
 
-def _joined(texts: tuple[str, ...] | None) -> str | None:
-    return None if texts is None else "; ".join(texts)
+def _join(is_text: tuple[str, ...] | None) -> str | None:
+    return None if is_text is None else "; ".join(is_text)
 
 
-def _encoded(table: Any) -> bytes:
-    sink = imported("pyarrow").BufferOutputStream()
-    imported("pyarrow.parquet").write_table(
-        table, sink, row_group_size=GROUP_ROWS, compression="zstd", use_dictionary=False
+def _encode(table: Any) -> bytes:
+    sink = import_extra("pyarrow").BufferOutputStream()
+    import_extra("pyarrow.parquet").write_table(
+        table, sink, row_group_size=ROWS_PER_GROUP, compression="zstd", use_dictionary=False
     )
     return bytes(sink.getvalue())
 
 
 def read_table(path: Path) -> Any:
     """Read a Parquet file, or raise HilError."""
-    pa, parquet = imported("pyarrow"), imported("pyarrow.parquet")
+    pa, parquet = import_extra("pyarrow"), import_extra("pyarrow.parquet")
     try:
         return parquet.ParquetFile(path).read()
     except (OSError, pa.ArrowException) as error:
@@ -175,29 +175,29 @@ def read_identity(directory: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         content = None
     if not isinstance(content, dict):
-        raise UsageError(f"{directory} holds no campaign; name the --out of one")
+        raise UsageError(f"{directory} contains no campaign; give the --out of a campaign")
     return content
 
 
 def result_files(directory: Path, index: int) -> list[Path]:
-    """Return the files that may contain a run."""
+    """Return the files that may contain a run's results."""
     if (directory / RUNS).exists():
         return [directory / RUNS]
     if not (directory / PARTS).exists():
         return []
     names = ((path, PART.fullmatch(path.name)) for path in (directory / PARTS).iterdir())
-    return [path for path, name in names if name is not None and int(name[1]) <= index < int(name[2])]
+    return [path for path, match in names if match is not None and int(match[1]) <= index < int(match[2])]
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file atomically and synchronise it to the disk; raise HilError if that fails."""
-    fresh = path.with_name(path.name + ".new")
+    """Write a file atomically and synchronise it to the disk; raise HilError on failure."""
+    new_path = path.with_name(path.name + ".new")
     try:
-        with fresh.open("wb") as file:
+        with new_path.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        fresh.replace(path)
+        new_path.replace(path)
         _sync(path.parent)
     except OSError as error:
         raise HilError(
@@ -214,12 +214,12 @@ def _sync(directory: Path) -> None:
 
 
 def pending_batches(runs: int, finished: Sequence[tuple[int, int]], batch: int) -> Iterator[tuple[int, int]]:
-    """Yield the batches [first, last) that are not finished."""
-    at = 0
+    """Yield the batches [first, last), of at most `batch` runs, that are not finished."""
+    next_run = 0
     for first, last in [*finished, (runs, runs)]:
-        for begin in range(at, first, batch):
+        for begin in range(next_run, first, batch):
             yield begin, min(begin + batch, first)
-        at = last
+        next_run = last
 
 
 OUTCOME_COLUMNS = ("faults", "ended", "failed", "digest")
@@ -227,13 +227,13 @@ OUTCOME_COLUMNS = ("faults", "ended", "failed", "digest")
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """Columns of all runs of a campaign, sorted by run; missing scores are NaN."""
+    """Columns of all runs of a campaign, sorted by run; missing scores are NaN, `failed` contains reasons or ""."""
 
     directory: Path
     spec: str
     identity: Mapping[str, Any]
     seeds: NDArray[np.int64]
-    drawn: Mapping[str, NDArray[Any]]
+    drawn_values: Mapping[str, NDArray[Any]]
     scores: Mapping[str, Array]
     faults: NDArray[Any]
     failed: NDArray[Any]
@@ -248,9 +248,9 @@ class Results:
         """Return the number of failed runs."""
         return int(np.count_nonzero(self.failed != ""))
 
-    def text_of(self, name: str, row: int) -> str:
+    def text_of(self, match: str, row: int) -> str:
         """Return a drawn value of a run as text."""
-        value = self.drawn[name][row]
+        value = self.drawn_values[match][row]
         return value if isinstance(value, str) else f"{value:g}"
 
 
@@ -261,18 +261,18 @@ def read_results(directory: Path) -> Results:
         raise UsageError(f"{directory}: the campaign is not finished; continue with --resume")
     table = read_table(directory / RUNS)
     names = table.column_names
-    drawn = [name for name in names if name not in {"row", "seed", *SCORE_NAMES, *OUTCOME_COLUMNS}]
+    drawn_values = [match for match in names if match not in {"row", "seed", *SCORE_NAMES, *OUTCOME_COLUMNS}]
 
-    def column(name: str) -> NDArray[Any]:
-        return np.asarray(table.column(name).to_numpy())
+    def column(match: str) -> NDArray[Any]:
+        return np.asarray(table.column(match).to_numpy())
 
     return Results(
         directory,
         (directory / SPEC).read_text(encoding="utf-8"),
         identity,
         column("seed"),
-        {name: column(name) for name in drawn},
-        {name: column(name) for name in SCORE_NAMES if name in names},
+        {match: column(match) for match in drawn_values},
+        {match: column(match) for match in SCORE_NAMES if match in names},
         column("faults"),
         column("failed"),
     )

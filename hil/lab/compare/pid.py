@@ -1,7 +1,7 @@
 """A tuned PID controller with filtered derivative in the compiled loop, as a reference.
 
-It uses the ship and the compass of the compiled loop (hil/lab/twin) in the same seas. Its five parameters result from
-a search over the four seas of physics.md at once, with other seeds.
+It uses ship and compass of the compiled loop (hil/lab/twin) in the same seas. Its five parameters are the result of
+a search over four seas together (docs/explanation/physics.md), with other seeds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LIMIT_RAD = radians(30.0)
 
 
 class Pid(NamedTuple):
-    """Gains on error [rad/rad], its integral [1/s] and its rate [s]; filters of heading and rate [s]."""
+    """Gains on error [rad/rad], its integral [1/s] and its rate [s]; filter time constants of heading and rate [s]."""
 
     proportional: float
     integral_1_s: float
@@ -43,37 +43,37 @@ TUNED = Pid(1.2, 0.0226, 1.18, 4.6, 8.0)
 def voyage(plant_state: Plant, waters: Waters, pid: Pid, times_s: Array, goals_rad: Array, record: Record) -> None:
     """Simulate the closed loop with the PID controller until the rows of the record are full.
 
-    The integral does not change while the rudder is at its limit and the error would increase it.
+    The integral is constant while the rudder is at its limit and the error would increase the integral.
     """
     kp, ki, kd, heading_filter_s, rate_filter_s = pid
     plant.begin(plant_state, waters.ship)
-    seen, rate, total, command, now_s, goal = np.nan, 0.0, 0.0, 0.0, 0.0, 0
-    near, quick = 1.0 - math.exp(-STEP_S / heading_filter_s), 1.0 - math.exp(-STEP_S / rate_filter_s)
+    heading, rate, integral, command, now_s, goal = np.nan, 0.0, 0.0, 0.0, 0.0, 0
+    heading_weight, rate_weight = 1.0 - math.exp(-STEP_S / heading_filter_s), 1.0 - math.exp(-STEP_S / rate_filter_s)
     while plant_state.row < record.heading_rad.size - 1:
-        plant.until_tick(plant_state, waters, record, now_s)
+        plant.advance_to_tick(plant_state, waters, record, now_s)
         while goal + 1 < times_s.size and times_s[goal + 1] <= now_s:
             goal += 1
         headings = 0
         while headings < plant_state.heading_count and plant_state.headings[headings, ARRIVAL_S] <= now_s:
             message_rad = plant_state.headings[headings, MESSAGE_RAD]
-            seen = message_rad if math.isnan(seen) else seen
-            moved = near * wrap_pi(message_rad - seen)
-            seen = wrap_pi(seen + moved)
-            rate += quick * (moved / STEP_S - rate)
+            heading = message_rad if math.isnan(heading) else heading
+            heading_change = heading_weight * wrap_pi(message_rad - heading)
+            heading = wrap_pi(heading + heading_change)
+            rate += rate_weight * (heading_change / STEP_S - rate)
             headings += 1
-        estimator.drop(plant_state, headings, plant_state.fix_count)
-        if not math.isnan(seen):
-            error = wrap_pi(goals_rad[goal] - seen)
-            demand = kp * error + total - kd * rate
+        estimator.drop_messages(plant_state, headings, plant_state.fix_count)
+        if not math.isnan(heading):
+            error = wrap_pi(goals_rad[goal] - heading)
+            demand = kp * error + integral - kd * rate
             command = clamp(demand, -LIMIT_RAD, LIMIT_RAD)
             if demand == command or demand * error < 0.0:
-                total = clamp(total + ki * error * STEP_S, -LIMIT_RAD, LIMIT_RAD)
+                integral = clamp(integral + ki * error * STEP_S, -LIMIT_RAD, LIMIT_RAD)
         plant.send_rudder(plant_state, now_s, command)
         now_s += STEP_S
 
 
 def sail_sea(sea: Sea, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth:
-    """Simulate a run in a sea with the PID controller and return its truth."""
+    """Simulate a run in a drawn sea with the PID controller; return its truth."""
     rows = round(seconds * ROWS_PER_SECOND) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((0, 0)))
     times_s, goals_rad = (np.array(column) for column in zip(*((g.t_s, g.heading_rad) for g in goals), strict=True))
@@ -83,5 +83,5 @@ def sail_sea(sea: Sea, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth
 
 
 def sail(scenario: Scenario, seed: int, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth:
-    """Simulate a run of a scenario with the PID controller and return its truth."""
+    """Simulate a run of a scenario with the PID controller; return its truth."""
     return sail_sea(sea_of(scenario, seed, seconds), goals, seconds, pid)

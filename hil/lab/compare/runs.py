@@ -1,4 +1,4 @@
-"""The runs of a comparison: controllers, seas and seeds."""
+"""Run a comparison of controllers in several seas with several seeds."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from hil.sim.signals import interruptible
 from hil.sim.truth import Truth
 
 AUTOPILOT, TWIN = "autopilot", "compiled twin"
-FIXED = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
+FIXED_GAINS = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """A controller: its name, the program that simulates it, and its parameters."""
+    """A controller: its name, the engine that simulates it, and its parameters."""
 
     name: str
-    sailed_by: str
+    engine: str
     settings: tuple[tuple[str, float], ...] = ()
 
 
-PAPER = Controller("S-surface, paper gains", AUTOPILOT, tuple(FIXED.items()))
+PAPER = Controller("S-surface, paper gains", AUTOPILOT, tuple(FIXED_GAINS.items()))
 PID = Controller("PID, tuned", TWIN)
 OURS = Controller("Rambler", TWIN)
 
 
 def with_price(price: float) -> Controller:
-    """Return our controller with another weight of rudder travel."""
+    """Return our controller with another weight of rudder travel (CTL_PRICE)."""
     return Controller(f"Rambler, CTL_PRICE {price:g}", TWIN, (("CTL_PRICE", price),))
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """The runs: seas ("swell", "swell+float=0.3:0.6,leeway=8"), seeds, goals and duration."""
+    """The runs: seas such as "swell+float=0.3:0.6,leeway=8", seeds, goals and duration."""
 
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -52,7 +52,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A controller in a sea: the scores of every seed and their mean."""
+    """A controller in a sea: the score of each seed."""
 
     scenario: str
     controller: Controller
@@ -65,40 +65,46 @@ class Row:
 
 
 def compare(task: Task, controllers: Sequence[Controller], report: Callable[[int, int, str], None]) -> list[Row]:
-    """Simulate all runs and return the rows by sea; `report` gets finished runs, all runs and the last run."""
-    pairs = [(name, one) for name in task.scenarios for one in controllers]
-    jobs = [(name, one, seed) for name, one in pairs for seed in task.seeds]
-    found: dict[tuple[str, str, int], Score] = {}
+    """Simulate all runs and return a row for each sea and controller.
+
+    `report` is called with the number of finished runs, the number of all runs, and the last run.
+    """
+    pairs = [(name, controller) for name in task.scenarios for controller in controllers]
+    jobs = [(name, controller, seed) for name, controller in pairs for seed in task.seeds]
+    scores_by_job: dict[tuple[str, str, int], Score] = {}
     report(0, len(jobs), "")
-    for number, (job, score) in enumerate(_sailed(task, jobs)):
-        found[job] = score
+    for number, (job, score) in enumerate(_run_jobs(task, jobs)):
+        scores_by_job[job] = score
         name, controller, seed = job
         report(number + 1, len(jobs), f"{controller}, {name}, seed {seed}")
-    return [Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds)) for name, one in pairs]
+    return [
+        Row(name, controller, tuple(scores_by_job[name, controller.name, seed] for seed in task.seeds))
+        for name, controller in pairs
+    ]
 
 
-def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
-    # Each worker starts an autopilot of its own.
+def _run_jobs(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
+    # Each worker process starts its own autopilot.
     with interruptible(), processes(os.cpu_count() or 1) as pool:
-        waiting = {pool.submit(_sail_in_process, task, *job): job for job in jobs}
-        for future in as_completed(waiting):
-            name, controller, seed = waiting[future]
+        job_of_future = {pool.submit(_run_in_process, task, *job): job for job in jobs}
+        for future in as_completed(job_of_future):
+            name, controller, seed = job_of_future[future]
             yield (name, controller.name, seed), future.result()
 
 
-def _sail_in_process(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
-    return in_process(sail_one, task, scenario_name, controller, seed)
+def _run_in_process(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
+    return in_process(run_one, task, scenario_name, controller, seed)
 
 
-def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
-    """Simulate a run and compute its scores."""
+def run_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
+    """Simulate a run and compute its score."""
     return score_of(truth_of(task, scenario_name, controller, seed))
 
 
 def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) -> Truth:
-    """Simulate one run and return its truth; the compiled loop gives the same commands as the autopilot process."""
+    """Simulate a run and return its truth; the compiled loop gives the same commands as the autopilot process."""
     scenario = scenarios.parse_scenario(scenario_name)
-    if controller.sailed_by == TWIN:
+    if controller.engine == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other controllers do not need
         from hil.lab.numeric_core import LawSettings  # noqa: PLC0415 - likewise
         from hil.lab.twin import sailing  # noqa: PLC0415 - likewise

@@ -1,4 +1,4 @@
-"""Scores of a run of the task in physics.md, section 6, computed from its truth."""
+"""Compute the score of a run from its truth, for the task in docs/explanation/physics.md."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from hil.report.figures import (
 from hil.sim.truth import Array, Truth
 
 NEAR_RAD = radians(5.0)
-SETTLED_S = 100.0  # settled: this time within 5 deg
+SETTLED_S = 100.0  # a turn has settled if the error is within NEAR_RAD for this time
 MIN_GOAL_S = STEADY_AFTER_S + 100.0  # shorter goals have no steady part
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Scores of a run, or the mean over several: heading errors and rudder travel of the steady parts.
+    """Score of a run, or mean over several runs: heading errors and rudder travel in the steady parts.
 
     `overshoot_deg` and `near_s`, the time until the heading is first within 5 deg of the goal, are those of the first
     turn.
@@ -39,17 +39,21 @@ class Score:
 
 
 def score_of(truth: Truth) -> Score:
-    """Compute the scores of the goals that last at least 300 s; raise ValueError without such a goal."""
+    """Compute the score from the goals that last at least MIN_GOAL_S; raise ValueError without such a goal."""
     spans = [(first, last) for first, last in goal_spans(truth.goal_rad) if _length_s(truth, first, last) >= MIN_GOAL_S]
     if not spans:
         raise ValueError(f"no goal lasts for {MIN_GOAL_S:g} s")
     errors, travel_deg, hours = [], 0.0, 0.0
     for first, last in spans:
-        steady = first + int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
-        errors.append(heading_error_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
-        share_h = _length_s(truth, steady, last) / 3600.0
-        travel_deg += share_h * rudder_travel_deg_per_h(truth.time_s[steady:last], truth.rudder_rad[steady:last])
-        hours += share_h
+        steady_start = first + int(
+            np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9)
+        )
+        errors.append(heading_error_rad(truth.heading_low_rad[steady_start:last], truth.goal_rad[steady_start:last]))
+        duration_h = _length_s(truth, steady_start, last) / 3600.0
+        travel_deg += duration_h * rudder_travel_deg_per_h(
+            truth.time_s[steady_start:last], truth.rudder_rad[steady_start:last]
+        )
+        hours += duration_h
     error_rad = np.concatenate(errors)
     turn = _first_turn(truth, spans)
     return Score(
@@ -62,27 +66,27 @@ def score_of(truth: Truth) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A turn; `settled_s` is the time until the heading first stays within 5 deg for 100 s, inf for never."""
+    """A turn; `settled_s` is the start of the first 100 s with an error within 5 deg, inf if there are none."""
 
     overshoot_deg: float
     settled_s: float
 
 
 def turns_of(truth: Truth) -> tuple[Turn, ...]:
-    """Return the turns of a run: goals that last at least 300 s and start more than 5 deg from the heading."""
+    """Return the turns of a run: goals that last at least MIN_GOAL_S and start more than 5 deg from the heading."""
     turns = []
     for first, last in goal_spans(truth.goal_rad):
-        error_rad = _turning_rad(truth, first, last)
+        error_rad = _turn_error_rad(truth, first, last)
         if _length_s(truth, first, last) < MIN_GOAL_S or abs(error_rad[0]) <= NEAR_RAD:
             continue
         time_s = truth.time_s[first:last] - truth.time_s[first]
-        early = int(np.searchsorted(time_s, STEADY_AFTER_S - 1e-9))
-        turns.append(Turn(degrees(overshoot_rad(error_rad[:early])), _settled_s(time_s, error_rad)))
+        steady_row = int(np.searchsorted(time_s, STEADY_AFTER_S - 1e-9))
+        turns.append(Turn(degrees(overshoot_rad(error_rad[:steady_row])), _settling_time_s(time_s, error_rad)))
     return tuple(turns)
 
 
-def _settled_s(time_s: Array, error_rad: Array) -> float:
-    # An interval inside the limit starts after each row outside and ends at the next one.
+def _settling_time_s(time_s: Array, error_rad: Array) -> float:
+    # Each interval inside the limit lies between two rows outside.
     outside = np.flatnonzero(np.abs(error_rad) > NEAR_RAD)
     begins = np.concatenate(([0], outside + 1))
     ends = np.concatenate((outside, [error_rad.size]))
@@ -94,18 +98,18 @@ def _settled_s(time_s: Array, error_rad: Array) -> float:
 
 def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, float]:
     for first, last in spans:
-        error_rad = _turning_rad(truth, first, last)
+        error_rad = _turn_error_rad(truth, first, last)
         if abs(error_rad[0]) <= NEAR_RAD:
             continue
-        early = int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
-        inside = np.flatnonzero(np.abs(error_rad) <= NEAR_RAD)
-        near_s = float(truth.time_s[first + inside[0]] - truth.time_s[first]) if inside.size else float("inf")
-        return degrees(overshoot_rad(error_rad[:early])), near_s
+        steady_row = int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
+        near_rows = np.flatnonzero(np.abs(error_rad) <= NEAR_RAD)
+        near_s = float(truth.time_s[first + near_rows[0]] - truth.time_s[first]) if near_rows.size else float("inf")
+        return degrees(overshoot_rad(error_rad[:steady_row])), near_s
     return 0.0, 0.0
 
 
-def _turning_rad(truth: Truth, first: int, last: int) -> Array:
-    """Return heading minus goal over a goal, unwrapped in the direction of the turn."""
+def _turn_error_rad(truth: Truth, first: int, last: int) -> Array:
+    """Return heading minus goal during a goal, unwrapped in the direction of the turn."""
     heading_rad = truth.heading_low_rad[first:last]
     return np.asarray(heading_rad - unwrapped_goal_rad(float(truth.goal_rad[first]), float(heading_rad[-1])))
 
@@ -115,11 +119,11 @@ def _length_s(truth: Truth, first: int, last: int) -> float:
 
 
 def mean_of(scores: Sequence[Score]) -> Score:
-    """Return the mean over runs; the rms is that of all steady parts."""
+    """Return the mean score of runs; the rms error is that over all steady parts."""
     return Score(
-        float(np.sqrt(np.mean([one.rms_deg**2 for one in scores]))),
-        float(np.mean([one.travel_deg_per_h for one in scores])),
-        float(np.mean([one.mean_deg for one in scores])),
-        float(np.mean([one.overshoot_deg for one in scores])),
-        float(np.mean([one.near_s for one in scores])),
+        float(np.sqrt(np.mean([score.rms_deg**2 for score in scores]))),
+        float(np.mean([score.travel_deg_per_h for score in scores])),
+        float(np.mean([score.mean_deg for score in scores])),
+        float(np.mean([score.overshoot_deg for score in scores])),
+        float(np.mean([score.near_s for score in scores])),
     )

@@ -35,7 +35,7 @@ from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SET_MODE = 176
-# section -> driver and baud rate; the vehicle file has those whose device is fitted
+# section of the vehicle file -> driver and baud rate; only sections of fitted devices are written
 SECTIONS = {
     "compass": ("nmea", 38400),
     "compass_b": ("nmea", 38400),
@@ -47,11 +47,11 @@ SECTIONS = {
 
 
 class DrillBoat:
-    """A boat for fault drills; a context manager that ends its processes.
+    """A simulated boat for fault drills; a context manager that starts and ends the autopilot process.
 
-    `fitted` names additional devices: "compass_b", "supply". `plans` are plan files loaded before the start, `goals`
-    those of GUIDED; `world` replaces a new one. Time is that of the world and advances in `run` only, so a drill is
-    reproducible.
+    `fitted`: names of additional devices ("compass_b", "supply"). `plans`: plan files that are loaded before the start.
+    `goals`: goals for GUIDED. `world`: replaces a new world. The time of the world advances only in `run`, so that a
+    drill is reproducible.
     """
 
     def __init__(
@@ -87,8 +87,8 @@ class DrillBoat:
             "link": self.station,
         }
         if "compass_b" in fitted:
-            self.other_attitude = AttitudeWithError(self.world)
-            devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, generator(seed, Stream.PHASES))
+            self.attitude_b = AttitudeWithError(self.world)
+            devices["compass_b"] = NmeaCompassEmulator(self.attitude_b, generator(seed, Stream.PHASES))
         if "supply" in fitted:
             place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
             self.plant = PowerPlant(Supply(), place, generator(seed, Stream.CLOUDS), lambda: self.servo.energy_j)
@@ -104,14 +104,14 @@ class DrillBoat:
         self._vehicle.write_text(_vehicle_text(self.board.paths(), settings or {}), encoding="utf-8")
         self.state.mkdir()
         for plan in plans:
-            words = [sys.executable, "-m", "firmware_py", "plan", "load", str(plan), "--state", str(self.state)]
-            subprocess.run(words, check=True, capture_output=True)
+            arguments = [sys.executable, "-m", "firmware_py", "plan", "load", str(plan), "--state", str(self.state)]
+            subprocess.run(arguments, check=True, capture_output=True)
         self.pacer = Pacer(math.inf)
         self._starts = 0
         self.goal_deg = self.goal_s = 0.0
         self.mode_before = ""  # the mode before the fault
-        self.final_rudder_deg = self.max_rudder_deg = 0.0  # at the end of the autopilot; largest magnitude
-        self.errors_deg: list[tuple[float, float]] = []  # time and heading minus goal, ten times a second
+        self.final_rudder_deg = self.max_rudder_deg = 0.0  # angle when the autopilot ended; largest magnitude
+        self.errors_deg: list[tuple[float, float]] = []  # time, and heading minus goal, ten times per second
 
     def __enter__(self) -> Self:
         """Start the autopilot."""
@@ -119,15 +119,15 @@ class DrillBoat:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the autopilot and release the ports."""
         self.server.close()
-        self._process.__exit__(kind, error, trace)
+        self._process.__exit__(error_type, error, trace)
         self._stack.close()
 
     def start(self) -> None:
-        """Start an autopilot on the present state directory."""
+        """Start an autopilot with the present state directory."""
         self._starts += 1
         clock = self.directory / f"clock{self._starts}"
         self.server = LockstepServer(clock, self.board, self.pacer)
@@ -136,7 +136,7 @@ class DrillBoat:
         self.server.accept(self._process.running, START_UTC_S + self.world.now_s)
 
     def end(self) -> None:
-        """Send SIGTERM and wait for the end of the autopilot; raise HilError if it does not end in time."""
+        """Send SIGTERM and wait until the autopilot ends; raise HilError if it does not end in time."""
         self._process.terminate()
         end_s = self.now_s + END_TIMEOUT_S
         while self.server.serve(end_s):
@@ -147,7 +147,7 @@ class DrillBoat:
         self.server.close()
 
     def kill(self) -> None:
-        """Kill the autopilot, as a power cut does."""
+        """Kill the autopilot, as by a loss of power."""
         self._process.kill()
         for port in self.board.ports:
             if isinstance(port.line, PtyLine):
@@ -171,7 +171,7 @@ class DrillBoat:
             line.unplug()
 
     def plug(self, name: str) -> None:
-        """Plug it in again."""
+        """Plug a device in again."""
         line = self.lines[name]
         if isinstance(line, PtyLine):
             line.plug()
@@ -182,7 +182,7 @@ class DrillBoat:
         return self.world.now_s
 
     def order(self, text: str, command: int, *values: float) -> None:
-        """Send another command of the operator."""
+        """Send a command of the operator."""
         self.station.order(Order(text, self.now_s, command, values), self.now_s)
 
     def steer(self, goal_deg: float) -> None:
@@ -195,7 +195,7 @@ class DrillBoat:
         self.order(f"mode {mode}", SET_MODE, 1.0, float(mode))
 
     def start_commands(self, seconds: float = 60.0) -> bool:
-        """Run until the first commands of the operator are accepted; return whether that was in time."""
+        """Run until the first commands of the operator are accepted; return whether this happened within `seconds`."""
         while any(order.accepted_s is None for order in self.station.orders):
             if self.now_s > seconds:
                 return False
@@ -203,12 +203,12 @@ class DrillBoat:
         return True
 
     def report_time(self, text: str, since_s: float) -> float | None:
-        """Return the time of the first message since a time that starts with a text, or None."""
+        """Return the time of the first message since `since_s` that starts with `text`, or None."""
         since_s -= 1e-9
         return next((t_s for t_s, _, sent in self.station.texts if t_s >= since_s and sent.startswith(text)), None)
 
-    def until(self, text: str, within_s: float, since_s: float) -> float | None:
-        """Run until a message is sent; return its time, or None if it is not sent in time."""
+    def await_report(self, text: str, within_s: float, since_s: float) -> float | None:
+        """Run until a message that starts with `text` is sent; return its time, or None if it is not sent in time."""
         while (at_s := self.report_time(text, since_s)) is None and self.now_s < since_s + within_s:
             self.run(0.1)
         return at_s
@@ -218,12 +218,12 @@ class DrillBoat:
         self.mode_before = self.station.mode().split(",")[0]
 
     def mode(self) -> str:
-        """Return the mode of the next heartbeat."""
+        """Run until the next heartbeat and return its mode."""
         self.run(1.1)
         return self.station.mode().split(",")[0]
 
     def steers_by_course(self) -> bool:
-        """Return whether the heading now comes from the course over ground, as the autopilot last reported."""
+        """Return whether the last report of the heading source names the course over ground."""
         sources = [text for _, _, text in self.station.texts if text.startswith("Heading source")]
         return bool(sources) and sources[-1].startswith("Heading source: course")
 
@@ -237,10 +237,10 @@ class DrillBoat:
 
 
 def _vehicle_text(ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
-    pieces = [
+    sections = [
         f'[{name}]\ndriver = "{driver}"\nport = "{ports[name]}"\nbaud = {baud}\n'
         for name, (driver, baud) in SECTIONS.items()
         if name in ports
     ]
     values = "".join(f"{name} = {float(value)!r}\n" for name, value in settings.items())
-    return "".join([*pieces, f'[link]\nurls = ["serial:{ports["link"]}:57600"]\n', f"[parameters]\n{values}"])
+    return "".join([*sections, f'[link]\nurls = ["serial:{ports["link"]}:57600"]\n', f"[parameters]\n{values}"])

@@ -11,15 +11,15 @@ from pathlib import Path
 from hil.errors import HilError
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import Drill
-from hil.lab.drill.checks import within_limit
+from hil.lab.drill.checks import was_within_limit
 from hil.ship.scenarios import find_scenario
 from hil.sim.ground_station import GUIDED
 
-# Inputs that a fault removes.
+# fault -> inputs that it removes
 REMOVED_INPUTS = {
-    "compass silent": {"compass", "its number"},
-    "compass frozen": {"its number"},
-    "compass loses and flips bytes": {"its number"},
+    "compass silent": {"compass", "compass value"},
+    "compass frozen": {"compass value"},
+    "compass loses and flips bytes": {"compass value"},
     "compasses disagree": {"other compass"},
     "position lost": {"receiver"},
     "position jumps": {"receiver"},
@@ -28,10 +28,10 @@ REMOVED_INPUTS = {
     "servo's power cut": {"torque"},
     "power monitor silent": {"monitor"},
 }
-# Inputs that the detection of a fault needs, besides its own.
+# fault -> inputs that its detection needs
 NEEDED_INPUTS = {
     "compass frozen": {"compass"},
-    "compasses disagree": {"compass", "its number"},
+    "compasses disagree": {"compass", "compass value"},
     "position jumps": {"receiver"},
     "servo's hardware error": {"servo"},
     "servo overloaded": {"torque"},
@@ -42,8 +42,8 @@ NO_HEADING = ("Heading lost", "No valid heading", "Compass heading jumped")
 
 
 def removed_inputs(drills: Sequence[Drill]) -> set[str]:
-    """Return the inputs that these faults remove together."""
-    return {one for drill in drills for one in REMOVED_INPUTS.get(drill.name, ())}
+    """Return the inputs that the faults remove together."""
+    return {input_name for drill in drills for input_name in REMOVED_INPUTS.get(drill.name, ())}
 
 
 def is_undetectable(drill: Drill, drills: Sequence[Drill]) -> bool:
@@ -53,26 +53,28 @@ def is_undetectable(drill: Drill, drills: Sequence[Drill]) -> bool:
 
 
 def has_no_heading(drills: Sequence[Drill]) -> bool:
-    """Return whether two faults together leave no heading, or one with an undetectable error."""
+    """Return whether two faults together remove the heading or make its error undetectable."""
     return bool(explained_texts(drills))
 
 
 def explained_texts(drills: Sequence[Drill]) -> tuple[str, ...]:
-    """Return the additional messages of two faults that leave no reliable heading."""
-    lost = "its number" in removed_inputs(drills) and bool({"receiver", "other compass"} & removed_inputs(drills))
-    return NO_HEADING if len(drills) > 1 and lost else ()
+    """Return the additional messages that two faults without a reliable heading cause."""
+    loses_compass = "compass value" in removed_inputs(drills) and bool(
+        {"receiver", "other compass"} & removed_inputs(drills)
+    )
+    return NO_HEADING if len(drills) > 1 and loses_compass else ()
 
 
 def prevents_steering(drill: Drill, drills: Sequence[Drill]) -> bool:
-    """Return whether this fault of a pair prevents steering, so that the check of the other one must wait."""
+    """Return whether this fault of a pair prevents steering; then it is removed before the check of the other one."""
     return len(drills) > 1 and "servo" in removed_inputs([drill])
 
 
-WARNING = 4  # MAV_SEVERITY_WARNING; messages of this severity and above need a cause
+WARNING = 4  # MAV_SEVERITY_WARNING; messages of this or a higher severity need a cause
 SEA = "tank"
 SITUATION_S = 40.0
 PAIR_INTERVAL_S = 2.0  # between the injections of a pair
-FINAL_S = 5.0  # after the last recovery, for late messages
+FINAL_S = 5.0  # after the last recovery, for delayed messages
 
 
 def _straight(boat: DrillBoat) -> None:
@@ -91,7 +93,7 @@ def _saturated(boat: DrillBoat) -> None:
     boat.run(3.0)
 
 
-# Situations at the injection.
+# name of the situation -> function that brings the boat into it
 MOMENTS: Mapping[str, Callable[[DrillBoat], None]] = {
     "straight": _straight,
     "turning": _turning,
@@ -117,7 +119,7 @@ class Case:
 class Outcome:
     """Outcome of a case: times from the injection to the report and from the removal to the recovery, or None.
 
-    `misses` are the deviations; a drill without any is passed.
+    `misses`: the deviations; a case without deviations is passed.
     """
 
     name: str
@@ -126,26 +128,28 @@ class Outcome:
     clear_s: tuple[float | None, ...]
     worst_error_deg: float
     misses: tuple[str, ...]
-    sailed_s: float
+    simulated_s: float
     wall_s: float
 
 
 def cases(book: Sequence[Drill], seed: int, *, pairs: bool) -> list[Case]:
     """Return each drill in each situation, and all pairs that can be combined, in the order of the book."""
-    found = [
+    all_cases = [
         Case((drill,), moment, seed) for drill in book for moment in ((drill.moment,) if drill.moment else MOMENTS)
     ]
     if pairs:
-        able = [drill for drill in book if drill.pair]
-        found += [
-            Case((first, second), "turning", seed) for number, first in enumerate(able) for second in able[number + 1 :]
+        combinable = [drill for drill in book if drill.can_pair]
+        all_cases += [
+            Case((first, second), "turning", seed)
+            for number, first in enumerate(combinable)
+            for second in combinable[number + 1 :]
         ]
-    return found
+    return all_cases
 
 
 @dataclass(slots=True)
-class _Watch:
-    """State of a drill during a case."""
+class _DrillState:
+    """A drill and its results during a case."""
 
     drill: Drill
     injected_s: float = 0.0
@@ -157,28 +161,28 @@ class _Watch:
 
 def sail(case: Case) -> Outcome:
     """Run a case on a new boat."""
-    begun_s = time.monotonic()
-    watches = [_Watch(drill) for drill in case.drills]
+    start_s = time.monotonic()
+    states = [_DrillState(drill) for drill in case.drills]
     with tempfile.TemporaryDirectory(prefix="rambler-drill-") as directory:
         try:
-            with _boat(case, Path(directory)) as boat:
-                misses, worst_deg = _sailed(boat, case, watches)
-                sailed_s = boat.now_s
+            with _build_boat(case, Path(directory)) as boat:
+                misses, worst_deg = _run_case(boat, case, states)
+                simulated_s = boat.now_s
         except HilError as error:
-            misses, worst_deg, sailed_s = [str(error)], 0.0, 0.0
+            misses, worst_deg, simulated_s = [str(error)], 0.0, 0.0
     return Outcome(
         case.name,
         case.moment,
-        tuple(watch.report_s for watch in watches),
-        tuple(watch.clear_s for watch in watches),
+        tuple(state.report_s for state in states),
+        tuple(state.clear_s for state in states),
         worst_deg,
-        tuple(miss for watch in watches for miss in watch.misses) + tuple(misses),
-        sailed_s,
-        time.monotonic() - begun_s,
+        tuple(miss for state in states for miss in state.misses) + tuple(misses),
+        simulated_s,
+        time.monotonic() - start_s,
     )
 
 
-def _boat(case: Case, directory: Path) -> DrillBoat:
+def _build_boat(case: Case, directory: Path) -> DrillBoat:
     sea = find_scenario(SEA)
     settings: dict[str, float] = {}
     for drill in case.drills:
@@ -195,77 +199,77 @@ def _boat(case: Case, directory: Path) -> DrillBoat:
     )
 
 
-def _sailed(boat: DrillBoat, case: Case, watches: list[_Watch]) -> tuple[list[str], float]:
+def _run_case(boat: DrillBoat, case: Case, states: list[_DrillState]) -> tuple[list[str], float]:
     if not boat.start_commands():
         return ["first commands of the operator not accepted"], 0.0
     MOMENTS[case.moment](boat)
-    begun_s = boat.now_s
+    start_s = boat.now_s
     boat.store_mode()
-    for watch in watches:
-        watch.injected_s = boat.now_s
-        watch.drill.inject(boat)
-        if len(watches) > 1:
+    for state in states:
+        state.injected_s = boat.now_s
+        state.drill.inject(boat)
+        if len(states) > 1:
             boat.run(PAIR_INTERVAL_S)
-    for watch in watches:
-        _await_report(boat, watch, required=not is_undetectable(watch.drill, case.drills))
-    boat.run(max(0.0, max(watch.injected_s + watch.drill.active_s for watch in watches) - boat.now_s))
-    for watch in watches:
-        if prevents_steering(watch.drill, case.drills):
-            _remove(boat, watch)
-            boat.goal_s = boat.now_s  # only now can the boat turn
-    for watch in watches:
-        if not has_no_heading(case.drills) and (deviation := watch.drill.check(boat, watch.injected_s)):
-            watch.misses.append(f"{watch.drill.name}: {deviation}")
-    worst_deg = max((abs(error) for t_s, error in boat.errors_deg if t_s >= begun_s), default=0.0)
-    for watch in watches:
-        if not prevents_steering(watch.drill, case.drills):
-            _remove(boat, watch)
-    for watch in watches:
-        _await_end(boat, watch)
+    for state in states:
+        _await_report(boat, state, required=not is_undetectable(state.drill, case.drills))
+    boat.run(max(0.0, max(state.injected_s + state.drill.active_s for state in states) - boat.now_s))
+    for state in states:
+        if prevents_steering(state.drill, case.drills):
+            _remove(boat, state)
+            boat.goal_s = boat.now_s  # because the boat can turn only from now on
+    for state in states:
+        if not has_no_heading(case.drills) and (deviation := state.drill.check(boat, state.injected_s)):
+            state.misses.append(f"{state.drill.name}: {deviation}")
+    worst_deg = max((abs(error) for t_s, error in boat.errors_deg if t_s >= start_s), default=0.0)
+    for state in states:
+        if not prevents_steering(state.drill, case.drills):
+            _remove(boat, state)
+    for state in states:
+        _await_end(boat, state)
     boat.run(FINAL_S)
-    misses = _unexplained(boat, case, begun_s)
+    misses = _unexplained_warnings(boat, case, start_s)
     if not has_no_heading(case.drills):
-        misses += [f"{watch.drill.name}: {deviation}" for watch in watches if (deviation := _check_after(boat, watch))]
-    return misses + [deviation for deviation in (within_limit(boat),) if deviation], worst_deg
+        misses += [f"{state.drill.name}: {deviation}" for state in states if (deviation := _check_after(boat, state))]
+    return misses + [deviation for deviation in (was_within_limit(boat),) if deviation], worst_deg
 
 
-def _check_after(boat: DrillBoat, watch: _Watch) -> str:
-    return watch.drill.check_after(boat, watch.injected_s) if watch.clear_s is not None else ""
+def _check_after(boat: DrillBoat, state: _DrillState) -> str:
+    return state.drill.check_after(boat, state.injected_s) if state.clear_s is not None else ""
 
 
-def _remove(boat: DrillBoat, watch: _Watch) -> None:
-    watch.removed_s = boat.now_s
-    watch.drill.remove(boat)
+def _remove(boat: DrillBoat, state: _DrillState) -> None:
+    state.removed_s = boat.now_s
+    state.drill.remove(boat)
 
 
-def _await_report(boat: DrillBoat, watch: _Watch, *, required: bool) -> None:
-    drill = watch.drill
+def _await_report(boat: DrillBoat, state: _DrillState, *, required: bool) -> None:
+    drill = state.drill
     if not drill.text:
         return
-    at_s = boat.until(drill.text, drill.report_s, watch.injected_s)
+    at_s = boat.await_report(drill.text, drill.report_s, state.injected_s)
     if at_s is None and required:
-        watch.misses.append(f"{drill.name}: {drill.text!r} not reported within {drill.report_s:g} s")
+        state.misses.append(f"{drill.name}: {drill.text!r} not reported within {drill.report_s:g} s")
     elif at_s is not None:
-        watch.report_s = at_s - watch.injected_s
+        state.report_s = at_s - state.injected_s
 
 
-def _await_end(boat: DrillBoat, watch: _Watch) -> None:
-    """Wait for the recovery, which may already have been reported during the checks."""
-    drill = watch.drill
-    if not drill.clear_s or watch.report_s is None:
+def _await_end(boat: DrillBoat, state: _DrillState) -> None:
+    """Wait for the recovery, which may have been reported during the checks."""
+    drill = state.drill
+    if not drill.clear_s or state.report_s is None:
         return
-    since_s = watch.injected_s + watch.report_s
-    at_s = boat.until(drill.recovery, watch.removed_s + drill.clear_s - since_s, since_s)
+    since_s = state.injected_s + state.report_s
+    at_s = boat.await_report(drill.recovery, state.removed_s + drill.clear_s - since_s, since_s)
     if at_s is None:
-        watch.misses.append(f"{drill.name}: {drill.recovery!r} not reported within {drill.clear_s:g} s of the removal")
+        state.misses.append(f"{drill.name}: {drill.recovery!r} not reported within {drill.clear_s:g} s of the removal")
     else:
-        watch.clear_s = max(0.0, at_s - watch.removed_s)
+        state.clear_s = max(0.0, at_s - state.removed_s)
 
 
-def _unexplained(boat: DrillBoat, case: Case, since_s: float) -> list[str]:
-    """Return warnings that no injected fault explains."""
-    known = tuple(text for drill in case.drills for text in (drill.text, drill.recovery, *drill.also) if text)
-    known += explained_texts(case.drills)
+def _unexplained_warnings(boat: DrillBoat, case: Case, since_s: float) -> list[str]:
+    """Return texts on the warnings that no injected fault explains."""
+    explained = tuple(text for drill in case.drills for text in (drill.text, drill.recovery, *drill.also) if text)
+    explained += explained_texts(case.drills)
     any_text = any("" in drill.also for drill in case.drills)
     warnings = (text for t_s, severity, text in boat.station.texts if t_s >= since_s and severity <= WARNING)
-    return [] if any_text else [f"unexplained: {text!r}" for text in warnings if not text.startswith(known)]
+    return [] if any_text else [f"unexplained: {text!r}" for text in warnings if not text.startswith(explained)]

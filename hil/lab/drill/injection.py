@@ -12,42 +12,42 @@ from pymavlink.dialects.v20 import common as dialect
 from hil.lab.drill.boat import DrillBoat
 
 FENCE_M = 50.0
-LOG_SPEED = 20.0  # relative to real time
+LOG_SPEED = 20.0  # simulation speed relative to real time
 
 Change = Callable[[DrillBoat], object]
 
 
-def nothing(_boat: DrillBoat) -> None:
-    """Do nothing: the condition starts or ends by itself."""
+def do_nothing(_boat: DrillBoat) -> None:
+    """Do nothing, for a condition that starts or ends by itself."""
 
 
-def put(path: str, value: object) -> Change:
-    """Set an attribute of the boat or of one of its parts."""
+def assign(path: str, value: object) -> Change:
+    """Return a change that sets an attribute of the boat or of one of its parts, given as a dotted path."""
     *owners, name = path.split(".")
 
     def change(boat: DrillBoat) -> None:
         owner: object = boat
-        for one in owners:
-            owner = getattr(owner, one)
+        for part in owners:
+            owner = getattr(owner, part)
         setattr(owner, name, value)
 
     return change
 
 
-def turned_by_wave(turned_rad: float, seconds: float) -> Change:
-    """Turn the boat as a breaking wave does."""
+def turn_by_wave(angle_rad: float, seconds: float) -> Change:
+    """Return a change that turns the boat as a breaking wave does."""
 
     def change(boat: DrillBoat) -> None:
         steps = round(50.0 * seconds)
         for _ in range(steps):
-            boat.world.add_heading(turned_rad / steps)
+            boat.world.add_heading(angle_rad / steps)
             boat.run(seconds / steps)
 
     return change
 
 
-def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
-    """Switch off all sources of heading."""
+def silence_heading_sources(silent: bool) -> Change:  # noqa: FBT001 - a switch
+    """Return a change that switches all sources of heading off or on."""
 
     def change(boat: DrillBoat) -> None:
         boat.compass.silent = silent
@@ -56,47 +56,47 @@ def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
     return change
 
 
-def logs_gone(boat: DrillBoat) -> None:
+def remove_logs(boat: DrillBoat) -> None:
     """Replace the log directory by a file; the log writer checks the disk once per second of real time."""
     boat.pacer.set_speed(LOG_SPEED)
     shutil.rmtree(boat.state / "logs", ignore_errors=True)
     (boat.state / "logs").write_text("in the way")
 
 
-def killed(boat: DrillBoat) -> None:
+def kill_and_start(boat: DrillBoat) -> None:
     """Kill the autopilot, and start it again."""
     boat.kill()
     boat.start()
 
 
-def ended(boat: DrillBoat) -> None:
+def end_and_start(boat: DrillBoat) -> None:
     """End the autopilot with SIGTERM, and start it again."""
     boat.end()
     boat.start()
 
 
-def together(*changes: Change) -> Change:
-    """Combine changes."""
+def combined(*changes: Change) -> Change:
+    """Return a change that applies all changes at once."""
 
     def change(boat: DrillBoat) -> None:
-        for one in changes:
-            one(boat)
+        for single_change in changes:
+            single_change(boat)
 
     return change
 
 
-def one_after_the_other(seconds: float, *changes: Change) -> Change:
-    """Combine changes with a time between them."""
+def in_sequence(seconds: float, *changes: Change) -> Change:
+    """Return a change that applies the changes with a time between them."""
 
     def change(boat: DrillBoat) -> None:
-        for place, one in enumerate(changes):
-            boat.run(seconds if place else 0.0)
-            one(boat)
+        for index, single_change in enumerate(changes):
+            boat.run(seconds if index else 0.0)
+            single_change(boat)
 
     return change
 
 
-def waiting(directory: Path) -> Path:
+def write_loiter_plan(directory: Path) -> Path:
     """Write a mission that loiters at the start without end."""
     path = directory / "wait.waypoints"
     path.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n1\t0\t3\t17\t0\t0\t0\t0\t36\t121\t0\t1\n")
@@ -108,7 +108,7 @@ def mission_clear_all() -> Any:
     return dialect.MAVLink_mission_clear_all_message(1, 1, 0)
 
 
-def legs(directory: Path) -> Path:
+def write_legs_plan(directory: Path) -> Path:
     """Write a mission with a short leg to the north and a long one to the east."""
     path = directory / "legs.waypoints"
     path.write_text(
@@ -118,7 +118,7 @@ def legs(directory: Path) -> Path:
     return path
 
 
-def fenced(directory: Path) -> Path:
+def write_fence_plan(directory: Path) -> Path:
     """Write a plan with a circular fence around the start."""
     path = directory / "fence.plan"
     path.write_text(
@@ -131,6 +131,6 @@ def fenced(directory: Path) -> Path:
     return path
 
 
-def spoil(boat: DrillBoat, share: float) -> None:
-    """Set the share of compass bytes that are dropped and that are flipped."""
-    boat.compass.drop = boat.compass.flip = share
+def damage_bytes(boat: DrillBoat, fraction: float) -> None:
+    """Set the fractions of compass bytes that are dropped and that are damaged."""
+    boat.compass.drop = boat.compass.flip = fraction

@@ -1,1 +1,1 @@
-"""The autopilot's estimators and monitors over a recording: `rambler-hil estimate`."""
+"""Run the autopilot's estimators and monitors over a recording: `rambler-hil estimate`."""

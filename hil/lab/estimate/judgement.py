@@ -1,8 +1,8 @@
-"""Accuracy of an estimate, from the recording itself.
+"""Judge the accuracy of an estimate from the recording itself.
 
 The true heading of the hull is not recorded. Its reference is the compass averaged over one wave period, centred (the
-compass itself without waves). The reference has errors, so that the NEES of a perfect filter differs somewhat from 1.
-The first minutes, in which the filter learns, do not count.
+compass itself without waves). The reference has errors, so that the NEES of a perfect filter differs slightly from 1.
+The first minutes, in which the filter learns, are ignored.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from hil.lab.estimate.tick import Estimates
 from hil.lab.identify.recording import Floats
 from hil.report.spectrum import density
 
-LAGS = 20
+MAX_LAGS = 20
 NORMAL_95 = 1.96
-MAX_OUTSIDE = 0.2
+MAX_OUTSIDE_FRACTION = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Whiteness:
-    """Autocorrelation of lag 1, and share of the first 20 autocorrelations outside the 95 % limits."""
+    """Autocorrelation of lag 1, and fraction of the first 20 autocorrelations outside the 95 % limits."""
 
     lag_one: float
-    outside: float
-    white: bool
+    outside_fraction: float
+    is_white: bool
 
 
 def whiteness(series: NDArray[np.float64]) -> Whiteness:
-    """Return the whiteness of a series, without subtracting its mean."""
+    """Compute the whiteness of a series; its mean is not subtracted."""
     power = float(series @ series)
     if not power > 0.0:
-        return Whiteness(0.0, 0.0, white=True)
-    lags = min(LAGS, max(1, series.size // 4 - 1), series.size - 1)
-    values = np.array([float(series[lag:] @ series[:-lag]) for lag in range(1, lags + 1)]) / power
-    outside = float(np.mean(np.abs(values) > NORMAL_95 / np.sqrt(series.size)))
-    return Whiteness(float(values[0]), outside, white=outside <= MAX_OUTSIDE)
+        return Whiteness(0.0, 0.0, is_white=True)
+    lags = min(MAX_LAGS, max(1, series.size // 4 - 1), series.size - 1)
+    autocorrelations = np.array([float(series[lag:] @ series[:-lag]) for lag in range(1, lags + 1)]) / power
+    outside_fraction = float(np.mean(np.abs(autocorrelations) > NORMAL_95 / np.sqrt(series.size)))
+    return Whiteness(float(autocorrelations[0]), outside_fraction, is_white=outside_fraction <= MAX_OUTSIDE_FRACTION)
 
 
-LEARNING_S: Final = 900.0  # or half of a shorter recording
-END_S: Final = 5.0  # at the end, without a complete wave period
+LEARNING_S: Final = 900.0  # ignored at the start; of a shorter recording the first half is ignored
+END_S: Final = 5.0  # ignored at the end, where the wave period is not complete
 WAVES_HZ: Final = (0.12, 0.9)  # range of the peak of the yaw rate's spectrum
-NYQUIST: Final = 0.48  # upper limit relative to the sampling frequency
+MAX_FREQUENCY: Final = 0.48  # relative to the sampling frequency
 WAVE_BAND: Final = (0.6, 1.6)  # relative to the peak frequency
 SEGMENT_S: Final = 256.0
 SMOOTHED_LINES: Final = 5
@@ -69,9 +69,9 @@ class Waves:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFigures:
-    """Figures of predictions: error, and coefficient of determination R2.
+    """Figures of predictions: error, coefficient of determination R2, and NEES.
 
-    `r2` is relative to a constant heading, `r2_low_pass` to a constant low-passed compass; the correct `nees` is 1.
+    `r2` is relative to the present reference heading, `r2_low_pass` to the present low-passed compass heading.
     """
 
     rows: int
@@ -83,17 +83,17 @@ class PredictionFigures:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Figures of an estimate; NaN where there are too few rows.
+    """Figures of an estimate; NaN if there are too few rows.
 
     `reference_rad` is the reference heading, unwrapped, at each row; NaN near gaps. `low_pass_s` is the time constant
-    of the causal low-pass with the smallest error, chosen afterwards.
+    of the causal low-pass with the smallest error, which is chosen afterwards.
     """
 
     from_s: float
     waves: Waves | None
     reference_rad: Floats
     nis: float
-    white: Whiteness | None
+    whiteness: Whiteness | None
     rms_error_rad: float
     nees: float
     compass_error_rad: float
@@ -109,33 +109,34 @@ def judge(estimates: Estimates, predictions: Mapping[int, Prediction]) -> Judgem
     from_s = min(LEARNING_S, 0.5 * float(time_s[-1]))
     waves = waves_of(time_s, compass)
     reference = _reference(time_s, compass, waves)
-    counted = (time_s > from_s) & (time_s < time_s[-1] - END_S)
-    error, sd = wrapped(columns["heading_rad"] - reference), columns["heading_sd_rad"]
-    known = counted & np.isfinite(error) & (sd > 0.0)
+    is_judged_time = (time_s > from_s) & (time_s < time_s[-1] - END_S)
+    error, sd = wrap_angles(columns["heading_rad"] - reference), columns["heading_sd_rad"]
+    is_known = is_judged_time & np.isfinite(error) & (sd > 0.0)
     innovation_sd = columns["innovation_sd_rad"]
-    scaled = columns["innovation_rad"] / np.where(innovation_sd > 0.0, innovation_sd, np.nan)
-    judged = counted & np.isfinite(scaled)
-    low_pass, low_pass_s = _best_low_pass(time_s, compass, reference, known)
+    innovation_ratio = columns["innovation_rad"] / np.where(innovation_sd > 0.0, innovation_sd, np.nan)
+    has_innovation = is_judged_time & np.isfinite(innovation_ratio)
+    low_pass, low_pass_s = _best_low_pass(time_s, compass, reference, is_known)
     return Judgement(
         from_s,
         waves,
         reference,
-        _mean_square(scaled[judged]),
-        whiteness(scaled[judged]) if np.count_nonzero(judged) > 2 * SMOOTHED_LINES else None,
-        _rms(error[known]),
-        _mean_square(error[known] / sd[known]),
-        _rms(wrapped(compass - reference)[known]),
-        _rms(wrapped(low_pass - reference)[known]),
+        _mean_square(innovation_ratio[has_innovation]),
+        whiteness(innovation_ratio[has_innovation]) if np.count_nonzero(has_innovation) > 2 * SMOOTHED_LINES else None,
+        _rms(error[is_known]),
+        _mean_square(error[is_known] / sd[is_known]),
+        _rms(wrap_angles(compass - reference)[is_known]),
+        _rms(wrap_angles(low_pass - reference)[is_known]),
         low_pass_s,
         {
             seconds: figures
             for seconds, prediction in predictions.items()
-            if (figures := _of_prediction(seconds, time_s, prediction, reference, low_pass, counted)) is not None
+            if (figures := _prediction_figures(seconds, time_s, prediction, reference, low_pass, is_judged_time))
+            is not None
         },
     )
 
 
-def wrapped(angle_rad: Floats) -> Floats:
+def wrap_angles(angle_rad: Floats) -> Floats:
     """Return angles in [-pi, pi)."""
     return np.asarray((angle_rad + math.pi) % math.tau - math.pi)
 
@@ -143,19 +144,21 @@ def wrapped(angle_rad: Floats) -> Floats:
 def waves_of(time_s: Floats, heading_rad: Floats) -> Waves | None:
     """Return the wave yaw at the peak of the yaw rate's spectrum; None for too few or too sparse rows."""
     step_s = float(np.median(np.diff(time_s)))
-    even_s = np.arange(time_s[0], time_s[-1], step_s)
-    rows = min(int(SEGMENT_S / step_s), even_s.size // 2)
+    grid_s = np.arange(time_s[0], time_s[-1], step_s)
+    rows = min(int(SEGMENT_S / step_s), grid_s.size // 2)
     if rows < 2 * SMOOTHED_LINES:
         return None
-    hertz = np.fft.rfftfreq(rows, step_s)
-    power = density(np.interp(even_s, time_s, heading_rad), rows, step_s)
-    band = (hertz > WAVES_HZ[0]) & (hertz < min(WAVES_HZ[1], NYQUIST / step_s))
-    if np.count_nonzero(band) < SMOOTHED_LINES:
+    frequency_hz = np.fft.rfftfreq(rows, step_s)
+    power = density(np.interp(grid_s, time_s, heading_rad), rows, step_s)
+    is_in_band = (frequency_hz > WAVES_HZ[0]) & (frequency_hz < min(WAVES_HZ[1], MAX_FREQUENCY / step_s))
+    if np.count_nonzero(is_in_band) < SMOOTHED_LINES:
         return None
-    smooth = np.convolve((power * hertz**2)[band], np.ones(SMOOTHED_LINES) / SMOOTHED_LINES, "same")
-    peak_hz = float(hertz[band][np.argmax(smooth)])
-    near = (hertz > WAVE_BAND[0] * peak_hz) & (hertz < WAVE_BAND[1] * peak_hz)
-    return Waves(1.0 / peak_hz, math.sqrt(float(np.sum(power[near])) * float(hertz[1])))
+    smoothed_power = np.convolve(
+        (power * frequency_hz**2)[is_in_band], np.ones(SMOOTHED_LINES) / SMOOTHED_LINES, "same"
+    )
+    peak_hz = float(frequency_hz[is_in_band][np.argmax(smoothed_power)])
+    is_near_peak = (frequency_hz > WAVE_BAND[0] * peak_hz) & (frequency_hz < WAVE_BAND[1] * peak_hz)
+    return Waves(1.0 / peak_hz, math.sqrt(float(np.sum(power[is_near_peak])) * float(frequency_hz[1])))
 
 
 def _reference(time_s: Floats, heading_rad: Floats, waves: Waves | None) -> Floats:
@@ -163,66 +166,66 @@ def _reference(time_s: Floats, heading_rad: Floats, waves: Waves | None) -> Floa
     half_s = 0.5 * waves.period_s if waves is not None and waves.sd_rad > MIN_WAVE_RAD else 0.0
     steps_s = np.diff(time_s)
     gaps = np.flatnonzero(steps_s > GAP_INTERVALS * np.median(steps_s))
-    beside = np.zeros(time_s.size, dtype=bool)
+    is_near_gap = np.zeros(time_s.size, dtype=bool)
     for gap in gaps.tolist():
-        beside |= (time_s > time_s[gap] - half_s) & (time_s < time_s[gap + 1] + half_s)
+        is_near_gap |= (time_s > time_s[gap] - half_s) & (time_s < time_s[gap + 1] + half_s)
     if half_s == 0.0:
-        return np.where(beside, np.nan, heading_rad)
+        return np.where(is_near_gap, np.nan, heading_rad)
     area = np.concatenate(([0.0], np.cumsum(0.5 * (heading_rad[1:] + heading_rad[:-1]) * steps_s)))
     mean = (np.interp(time_s + half_s, time_s, area) - np.interp(time_s - half_s, time_s, area)) / (2.0 * half_s)
-    beside |= (time_s < time_s[0] + half_s) | (time_s > time_s[-1] - half_s)
-    return np.where(beside, np.nan, mean)
+    is_near_gap |= (time_s < time_s[0] + half_s) | (time_s > time_s[-1] - half_s)
+    return np.where(is_near_gap, np.nan, mean)
 
 
-def _best_low_pass(time_s: Floats, compass: Floats, reference: Floats, known: Rows) -> tuple[Floats, float]:
+def _best_low_pass(time_s: Floats, compass: Floats, reference: Floats, is_known: Rows) -> tuple[Floats, float]:
     """Return the low-passed compass with the smallest error, and its time constant."""
     best: tuple[float, Floats, float] = (math.inf, compass, 0.0)
     for constant_s in LOW_PASSES_S:
-        values = low_passed(time_s, compass, constant_s)
-        error = _rms(wrapped(values - reference)[known])
+        autocorrelations = low_pass_filter(time_s, compass, constant_s)
+        error = _rms(wrap_angles(autocorrelations - reference)[is_known])
         if error < best[0]:
-            best = (error, values, constant_s)
+            best = (error, autocorrelations, constant_s)
     return best[1:]
 
 
-def low_passed(time_s: Floats, values: Floats, constant_s: float) -> Floats:
-    """Return a causal first-order low-pass."""
+def low_pass_filter(time_s: Floats, autocorrelations: Floats, constant_s: float) -> Floats:
+    """Return the values after a causal first-order low-pass with a time constant."""
     if constant_s == 0.0:
-        return values
-    shares = -np.expm1(-np.diff(time_s, prepend=time_s[0]) / constant_s)
-    out, now = [], float(values[0])
-    for share, value in zip(shares.tolist(), values.tolist(), strict=True):
-        now += share * (value - now)
-        out.append(now)
+        return autocorrelations
+    weights = -np.expm1(-np.diff(time_s, prepend=time_s[0]) / constant_s)
+    out, state = [], float(autocorrelations[0])
+    for weight, value in zip(weights.tolist(), autocorrelations.tolist(), strict=True):
+        state += weight * (value - state)
+        out.append(state)
     return np.array(out)
 
 
-def _of_prediction(
-    seconds: int, time_s: Floats, prediction: Prediction, reference: Floats, low_pass: Floats, counted: Rows
+def _prediction_figures(
+    seconds: int, time_s: Floats, prediction: Prediction, reference: Floats, low_pass: Floats, is_judged_time: Rows
 ) -> PredictionFigures | None:
-    later = reference_later(seconds, time_s, reference)
-    use = counted & np.isfinite(prediction.heading_rad + prediction.sd_rad + later + reference)
-    if not use.any():
+    later_reference = reference_after(seconds, time_s, reference)
+    is_used = is_judged_time & np.isfinite(prediction.heading_rad + prediction.sd_rad + later_reference + reference)
+    if not is_used.any():
         return None
-    miss = wrapped(prediction.heading_rad - later)[use]
-    change, from_low_pass = (wrapped(later - start)[use] for start in (reference, low_pass))
+    error_rad = wrap_angles(prediction.heading_rad - later_reference)[is_used]
+    change, from_low_pass = (wrap_angles(later_reference - start)[is_used] for start in (reference, low_pass))
     return PredictionFigures(
-        int(np.count_nonzero(use)),
-        _rms(miss),
-        1.0 - float(np.sum(miss**2) / max(np.sum(change**2), 1e-12)),
-        1.0 - float(np.sum(miss**2) / max(np.sum(from_low_pass**2), 1e-12)),
-        _mean_square(miss / prediction.sd_rad[use]),
+        int(np.count_nonzero(is_used)),
+        _rms(error_rad),
+        1.0 - float(np.sum(error_rad**2) / max(np.sum(change**2), 1e-12)),
+        1.0 - float(np.sum(error_rad**2) / max(np.sum(from_low_pass**2), 1e-12)),
+        _mean_square(error_rad / prediction.sd_rad[is_used]),
     )
 
 
-def reference_later(seconds: int, time_s: Floats, reference: Floats) -> Floats:
-    """Return the reference some seconds after each row; NaN if it is unknown."""
+def reference_after(seconds: int, time_s: Floats, reference: Floats) -> Floats:
+    """Return the reference `seconds` after each row; NaN if it is unknown."""
     return np.interp(time_s + seconds, time_s, reference, right=np.nan)
 
 
-def _rms(values: Floats) -> float:
-    return math.sqrt(_mean_square(values)) if values.size else math.nan
+def _rms(autocorrelations: Floats) -> float:
+    return math.sqrt(_mean_square(autocorrelations)) if autocorrelations.size else math.nan
 
 
-def _mean_square(values: Floats) -> float:
-    return float(np.mean(values**2)) if values.size else math.nan
+def _mean_square(autocorrelations: Floats) -> float:
+    return float(np.mean(autocorrelations**2)) if autocorrelations.size else math.nan

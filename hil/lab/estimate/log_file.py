@@ -1,4 +1,4 @@
-"""Read logs of the autopilot, with the samples of its ticks, and of ArduPilot as recordings."""
+"""Read logs of the autopilot, with the inputs of its ticks, and logs of ArduPilot as recordings."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from firmware_py.log.reader import LogReader
 from hil.errors import UsageError
 from hil.lab.estimate.recording import Recording
 from hil.lab.identify import ardupilot_log
-from hil.lab.identify.onboard_log import rising
+from hil.lab.identify.onboard_log import keep_increasing
 from hil.lab.identify.recording import MIN_ROWS
 from hil.report.log_records import records
 
-FIX_3D = 3  # of ArduPilot's GPS.Status
-MAX_TIME_S = 1e9  # larger times are damaged
+MIN_3D_STATUS = 3  # ArduPilot's GPS.Status of a 3D fix
+MAX_TIME_S = 1e9  # larger times are treated as damaged
 
 Sample = TypeVar("Sample", HeadingSample, PositionSample, RudderFeedback)
 
@@ -41,15 +41,15 @@ def read(path: Path) -> Recording:
     """Read a log of the autopilot or of ArduPilot, or raise UsageError."""
     try:
         with open_buffer(path) as data:
-            return _of_ardupilot(path, data) if ardupilot_log.is_one(data) else _of_autopilot(path, data)
+            return _read_ardupilot(path, data) if ardupilot_log.is_ardupilot_log(data) else _read_autopilot(path, data)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}; give the path of a .BIN or .BIN.gz file") from None
     except LogError as error:
         raise UsageError(f"{path}: {error}") from None
 
 
-def _of_autopilot(path: Path, data: Buffer) -> Recording:
-    """Return the inputs of the ticks; without feedback the commands replace the rudder angle."""
+def _read_autopilot(path: Path, data: Buffer) -> Recording:
+    """Return the inputs of the ticks as a recording; without feedback the commands replace the rudder angle."""
     reader = LogReader(path)
     notes: list[str] = []
     headings: list[HeadingSample] = []
@@ -71,7 +71,7 @@ def _of_autopilot(path: Path, data: Buffer) -> Recording:
     if not any(sample.shaft_rad is not None for sample in rudder):
         rudder = commands
         notes.append("no rudder feedback: the command is used as rudder angle")
-    headings = [sample for sample in _in_order(headings) if math.isfinite(sample.heading_rad)]
+    headings = [sample for sample in _keep_increasing(headings) if math.isfinite(sample.heading_rad)]
     if len(headings) < MIN_ROWS:
         raise UsageError(f"{path}: contains {len(headings)} headings; give a log of a run with a compass")
     source = Counter(sample.source for sample in headings).most_common(1)[0][0]
@@ -86,13 +86,13 @@ def _of_autopilot(path: Path, data: Buffer) -> Recording:
         str(path),
         begin_s,
         np.array([sample.t_s for sample in headings if sample.source == source]),
-        tuple(_counted(headings, begin_s)),
-        tuple(_counted(_in_order(positions), begin_s)),
-        tuple(_counted(_in_order(rudder), begin_s)),
+        tuple(_shift_times(headings, begin_s)),
+        tuple(_shift_times(_keep_increasing(positions), begin_s)),
+        tuple(_shift_times(_keep_increasing(rudder), begin_s)),
         np.array([t_s for t_s, _ in goals]),
         np.array([goal for _, goal in goals]),
         source=source,
-        shaft=True,
+        is_shaft=True,
         ground_m_s=float(np.mean(speeds)) if speeds else None,
         parameters=parameters or {},
         notes=tuple(notes),
@@ -100,15 +100,15 @@ def _of_autopilot(path: Path, data: Buffer) -> Recording:
 
 
 def _goals(data: Buffer) -> list[tuple[float, float]]:
-    """Return times of ticks and their heading goals."""
-    found, now_s = [], math.nan
+    """Return the times of ticks with their heading goals."""
+    goals, now_s = [], math.nan
     for name, values in records(data, {"TICK": ("T",), "NAV": ("Goal",)}):
         value = float(values[0]) if isinstance(values[0], (int, float)) else math.nan
         if name == "TICK":
             now_s = value
         else:
-            found.append((now_s, value))
-    return found
+            goals.append((now_s, value))
+    return goals
 
 
 def _parameters(checkpoint: str) -> dict[str, float]:
@@ -127,33 +127,33 @@ def _parameters(checkpoint: str) -> dict[str, float]:
     return values
 
 
-def _in_order(samples: list[Sample]) -> list[Sample]:
-    """Remove samples with decreasing times, as after a restart, or invalid times."""
-    kept: list[Sample] = []
+def _keep_increasing(samples: list[Sample]) -> list[Sample]:
+    """Remove samples with invalid times and with decreasing times, as after a restart."""
+    kept_samples: list[Sample] = []
     for sample in samples:
-        if math.isfinite(sample.t_s) and (not kept or sample.t_s >= kept[-1].t_s):
-            kept.append(sample)
-    return kept
+        if math.isfinite(sample.t_s) and (not kept_samples or sample.t_s >= kept_samples[-1].t_s):
+            kept_samples.append(sample)
+    return kept_samples
 
 
-def _counted(samples: list[Sample], begin_s: float) -> list[Sample]:
+def _shift_times(samples: list[Sample], begin_s: float) -> list[Sample]:
     return [replace(sample, t_s=sample.t_s - begin_s) for sample in samples]
 
 
-def _of_ardupilot(path: Path, data: Buffer) -> Recording:
-    """Return attitude, fixes and rudder; ArduPilot's yaw is relative to true north."""
-    series, servos = ardupilot_log.gathered(data)
-    headings = ardupilot_log.headings_of(path, series)
+def _read_ardupilot(path: Path, data: Buffer) -> Recording:
+    """Return attitude, fixes and rudder as a recording; ArduPilot's yaw is relative to true north."""
+    series, servos = ardupilot_log.collect_series(data)
+    headings = ardupilot_log.read_headings(path, series)
     notes: list[str] = []
     begin_s = headings[0][0]
-    rudder = ardupilot_log.rudder_of(series, servos, notes)
+    rudder = ardupilot_log.rudder_angles(series, servos, notes)
     goals = series["ATT.DesYaw"] if len({goal for _, goal in series["ATT.DesYaw"]}) > 1 else []
     labels = ("Lat", "Lng", "Spd", "GCrs")
     table = {name: dict(series[f"GPS.{name}"]) for name in (*labels, "Status")}
     fixes = []
-    for t_s, _ in rising(series["GPS.Lat"]):
+    for t_s, _ in keep_increasing(series["GPS.Lat"]):
         latitude, longitude, speed_m_s, course_deg = (table[name].get(t_s) for name in labels)
-        if latitude is None or longitude is None or table["Status"].get(t_s, FIX_3D) < FIX_3D:
+        if latitude is None or longitude is None or table["Status"].get(t_s, MIN_3D_STATUS) < MIN_3D_STATUS:
             continue
         fixes.append(
             PositionSample(

@@ -1,4 +1,4 @@
-"""Page of an estimate: heading with its confidence band, spectrum, innovations, predictions, faults, figures."""
+"""Page of an estimate: heading with its confidence band, spectrum, innovations, predictions, faults and figures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_py.view.document import PLOTS
 from firmware_py.view.model import Line, Panel, Voyage, voyage
-from hil.lab.estimate.judgement import reference_later, wrapped
+from hil.lab.estimate.judgement import reference_after, wrap_angles
 from hil.lab.estimate.predictions import Prediction
 from hil.lab.estimate.summary import Result, lines_of
 from hil.lab.identify.recording import Floats
@@ -19,8 +19,8 @@ from hil.report.page import Cell
 from hil.report.spectrum import heading_spectra
 from hil.report.thinning import extremes
 
-MAX_ROWS: Final = 16_000  # two hours at 2 Hz are plotted completely
-BAND_SDS: Final = 2.0
+MAX_ROWS: Final = 16_000  # of a plot; two hours at 2 Hz are plotted completely
+BAND_SDS: Final = 2.0  # half width of a confidence band in standard deviations
 MAX_BAND_RATIO: Final = 5.0  # wider bands, relative to the median, are not plotted
 PLOTTED_AHEAD_S: Final = (10, 60)
 MAX_FAULTS: Final = 500
@@ -94,20 +94,20 @@ PANELS: Final = (
 
 
 def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict[str, Any]) -> str:
-    """Return the page; `summary` has the figures of the JSON file."""
+    """Return the page as HTML; `summary` contains the figures of the JSON file."""
     return page.page(
         f"Estimate over {result.recording.name}",
         [
-            page.paragraph(_lead(summary), "lead"),
+            page.paragraph(_summary_text(summary), "lead"),
             *page.voyage(_voyage(result, predictions)),
             page.paragraph(NOTE, "note"),
             page.heading("Figures"),
-            page.table(_figures(summary)),
-            *_predicted(summary),
+            page.table(_figure_rows(summary)),
+            *_prediction_parts(summary),
             page.heading("Faults"),
-            *_faults(result),
+            *_fault_parts(result),
             page.heading("Inputs"),
-            page.table(_used(summary), head=False),
+            page.table(_input_rows(summary), head=False),
             page.bullets(summary["notes"]) if summary["notes"] else "",
             page.heading("Report"),
             page.verbatim("\n".join(lines_of(summary))),
@@ -116,26 +116,26 @@ def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict
     )
 
 
-def _lead(summary: dict[str, Any]) -> str:
+def _summary_text(summary: dict[str, Any]) -> str:
     hours = (summary["to_s"] - summary["from_s"]) / 3600.0
     return f"{summary['headings']} headings in {hours:.2f} h; figures from {summary['judged_from_s']:.0f} s on"
 
 
 def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
-    """Return the plots: times are seconds since the first heading."""
-    watched, judged = result.estimates, result.judgement
-    columns, time_s = watched.columns, watched.time_s
-    every = 1 if time_s.size <= MAX_ROWS else 2 * math.ceil(time_s.size / MAX_ROWS)
+    """Return the plots; times are seconds since the first heading."""
+    estimates, judgement = result.estimates, result.judgement
+    columns, time_s = estimates.columns, estimates.time_s
+    row_step = 1 if time_s.size <= MAX_ROWS else 2 * math.ceil(time_s.size / MAX_ROWS)
     hull = np.unwrap(np.where(np.isfinite(columns["heading_rad"]), columns["heading_rad"], columns["compass_rad"]))
-    compass = hull + wrapped(columns["compass_rad"] - hull)
+    compass = hull + wrap_angles(columns["compass_rad"] - hull)
     band = _band(columns["heading_sd_rad"])
     plots = {
         "compass_deg": np.degrees(compass),
         "heading_deg": np.degrees(hull),
         "low_deg": np.degrees(hull - band),
         "high_deg": np.degrees(hull + band),
-        "goal_deg": np.degrees(watched.goal_rad),
-        "error_deg": np.degrees(wrapped(columns["heading_rad"] - judged.reference_rad)),
+        "goal_deg": np.degrees(estimates.goal_rad),
+        "error_deg": np.degrees(wrap_angles(columns["heading_rad"] - judgement.reference_rad)),
         "plus_deg": np.degrees(band),
         "minus_deg": -np.degrees(band),
         "innovation": columns["innovation_rad"]
@@ -149,44 +149,44 @@ def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
         "wave_period_s": columns["wave_period_s"],
         "noise_deg": np.degrees(columns["compass_noise_rad"]),
         "faults": _fault_counts(result),
-        **_misses(result, predictions),
+        **_prediction_errors(result, predictions),
     }
-    made = voyage(
-        {"time_s": extremes(time_s, every), **{name: extremes(values, every) for name, values in plots.items()}},
-        [(fault.from_s, WARNING, fault.name) for fault in watched.faults[:MAX_FAULTS]],
+    voyage_plots = voyage(
+        {"time_s": extremes(time_s, row_step), **{name: extremes(values, row_step) for name, values in plots.items()}},
+        [(fault.from_s, WARNING, fault.name) for fault in estimates.faults[:MAX_FAULTS]],
         PANELS,
     )
     learned = columns["wave_period_s"][time_s.size // 2 :]
     if (spectrum := heading_spectra(time_s, compass, hull, learned[np.isfinite(learned)])) is not None:
-        made["spectrum"] = spectrum
-    return made
+        voyage_plots["spectrum"] = spectrum
+    return voyage_plots
 
 
 def _band(sd_rad: Floats) -> Floats:
-    """Return two standard deviations; NaN where they are very large, as at the start."""
-    known = sd_rad[np.isfinite(sd_rad)]
-    largest = MAX_BAND_RATIO * float(np.median(known)) if known.size else math.inf
-    return np.where(sd_rad <= largest, BAND_SDS * sd_rad, np.nan)
+    """Return two standard deviations; NaN if they are very large, as at the start."""
+    known_sd = sd_rad[np.isfinite(sd_rad)]
+    max_sd = MAX_BAND_RATIO * float(np.median(known_sd)) if known_sd.size else math.inf
+    return np.where(sd_rad <= max_sd, BAND_SDS * sd_rad, np.nan)
 
 
-def _misses(result: Result, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
+def _prediction_errors(result: Result, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
     plots = {}
     for seconds in PLOTTED_AHEAD_S:
         prediction = predictions[seconds]
-        later = reference_later(seconds, result.estimates.time_s, result.judgement.reference_rad)
+        later_reference = reference_after(seconds, result.estimates.time_s, result.judgement.reference_rad)
         band = np.degrees(_band(prediction.sd_rad))
-        plots[f"miss_{seconds}_deg"] = np.degrees(wrapped(prediction.heading_rad - later))
+        plots[f"miss_{seconds}_deg"] = np.degrees(wrap_angles(prediction.heading_rad - later_reference))
         plots[f"plus_{seconds}_deg"], plots[f"minus_{seconds}_deg"] = band, -band
     return plots
 
 
 def _rudder(result: Result) -> Floats:
-    """Return the recorded rudder at the headings."""
-    watched = result.estimates
-    if not watched.rudder_s.size:
-        return np.full(watched.time_s.size, np.nan)
-    place = np.searchsorted(watched.rudder_s, watched.time_s, side="right") - 1
-    return np.where(place >= 0, watched.rudder_rad[np.maximum(place, 0)], np.nan)
+    """Return the recorded rudder angle at the times of the headings."""
+    estimates = result.estimates
+    if not estimates.rudder_s.size:
+        return np.full(estimates.time_s.size, np.nan)
+    index = np.searchsorted(estimates.rudder_s, estimates.time_s, side="right") - 1
+    return np.where(index >= 0, estimates.rudder_rad[np.maximum(index, 0)], np.nan)
 
 
 def _fault_counts(result: Result) -> Floats:
@@ -197,7 +197,7 @@ def _fault_counts(result: Result) -> Floats:
     return counts
 
 
-def _figures(summary: dict[str, Any]) -> Iterator[tuple[str | Cell, ...]]:
+def _figure_rows(summary: dict[str, Any]) -> Iterator[tuple[str | Cell, ...]]:
     heading, innovations, waves = summary["heading"], summary["innovations"], summary["recorded_waves"]
     yield "figure", "value", Cell("expected")
     yield "heading error, deg rms", _text(heading["rms_error_deg"]), Cell("at most that of the best low-pass")
@@ -225,7 +225,7 @@ def _figures(summary: dict[str, Any]) -> Iterator[tuple[str | Cell, ...]]:
     yield "restarts of the estimator", str(len(summary["restarts_s"])), Cell("0")
 
 
-def _predicted(summary: dict[str, Any]) -> Iterator[str]:
+def _prediction_parts(summary: dict[str, Any]) -> Iterator[str]:
     yield page.heading("Predictions with the recorded rudder")
     if not summary["predictions"]:
         yield page.paragraph("None." if summary["rudder_recorded"] else "None: the rudder was not recorded.")
@@ -238,20 +238,20 @@ def _predicted(summary: dict[str, Any]) -> Iterator[str]:
     yield page.table(rows)
 
 
-def _faults(result: Result) -> Iterator[str]:
+def _fault_parts(result: Result) -> Iterator[str]:
     faults, begin_s = result.estimates.faults, result.recording.begin_s
     if not faults:
         yield page.paragraph("None.")
         return
     if len(faults) > MAX_FAULTS:
         yield page.paragraph(f"First {MAX_FAULTS} of {len(faults)}; the JSON file lists all.", "note")
-    lasting = [
+    fault_events = [
         (fault.from_s, WARNING, f"{fault.name} for {fault.to_s - fault.from_s:.1f} s") for fault in faults[:MAX_FAULTS]
     ]
-    yield page.events(lasting, lambda t_s: f"{begin_s + t_s:.1f} s")
+    yield page.events(fault_events, lambda t_s: f"{begin_s + t_s:.1f} s")
 
 
-def _used(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:
+def _input_rows(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:
     ship = summary["ship"]
     yield "ship", Cell(f"K {ship['K']} 1/s, T {ship['T']} s, alpha {ship['alpha']} s², at {ship['speed']} m/s")
     yield "headings", Cell(f"{summary['headings']} at {_text(summary['rate_hz'])} Hz")

@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_py.common.angles import TWO_PI
 from firmware_py.common.parameters import ParameterSet
-from hil.lab.estimate.boat import SHIP
+from hil.lab.estimate.boat import SHIP_PARAMETERS
 from hil.lab.estimate.judgement import Judgement
 from hil.lab.estimate.predictions import Prediction
 from hil.lab.estimate.recording import Recording
@@ -22,8 +22,8 @@ from hil.lab.identify.recording import Floats
 
 HOUR_S = 3600.0
 DIGITS = 6
-# Column -> key of a learned value: the median of the second half, in degrees if the key ends so.
-LEARNED = {
+# column -> key of a learned value, the median of the second half; keys that end in _deg are in degrees
+LEARNED_VALUES = {
     "speed_m_s": "speed_m_s",
     "current_north_m_s": "current_north_m_s",
     "current_east_m_s": "current_east_m_s",
@@ -35,7 +35,7 @@ LEARNED = {
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A recording with its parameters, results, figures and notes."""
+    """A recording with its parameters, estimates, figures and notes."""
 
     recording: Recording
     parameters: ParameterSet
@@ -46,19 +46,19 @@ class Result:
 
 def as_json(result: Result) -> dict[str, Any]:
     """Return the summary; unknown figures are null. Times are those of the file."""
-    recording, estimates, judged = result.recording, result.estimates, result.judgement
-    begin_s, white, waves = recording.begin_s, judged.white, judged.waves
+    recording, estimates, judgement = result.recording, result.estimates, result.judgement
+    begin_s, white, waves = recording.begin_s, judgement.whiteness, judgement.waves
     hours = max(float(estimates.time_s[-1]) / HOUR_S, 1e-9)
     return {
         "file": recording.name,
         "from_s": _time(begin_s),
         "to_s": _time(begin_s + float(estimates.time_s[-1])),
-        "judged_from_s": _time(begin_s + judged.from_s),
+        "judged_from_s": _time(begin_s + judgement.from_s),
         "headings": int(estimates.time_s.size),
         "rate_hz": _number(1.0 / float(np.median(np.diff(estimates.time_s)))),
         "positions": len(recording.positions),
         "rudder_recorded": bool(recording.rudder),
-        "ship": {name: _number(result.parameters[row]) for name, row in SHIP.items()},
+        "ship": {name: _number(result.parameters[row]) for name, row in SHIP_PARAMETERS.items()},
         "recorded_speed_through_water_m_s": _number(recording.water_m_s),
         "recorded_speed_over_ground_m_s": _number(recording.ground_m_s),
         "recorded_waves": {
@@ -66,17 +66,17 @@ def as_json(result: Result) -> dict[str, Any]:
             "yaw_sd_deg": _degrees(None if waves is None else waves.sd_rad),
         },
         "innovations": {
-            "nis": _number(judged.nis),
+            "nis": _number(judgement.nis),
             "autocorrelation_lag_1": _number(None if white is None else white.lag_one),
-            "autocorrelation_share_outside_95_percent": _number(None if white is None else white.outside),
-            "white": None if white is None else white.white,
+            "autocorrelation_share_outside_95_percent": _number(None if white is None else white.outside_fraction),
+            "white": None if white is None else white.is_white,
         },
         "heading": {
-            "rms_error_deg": _degrees(judged.rms_error_rad),
-            "nees": _number(judged.nees),
-            "compass_rms_error_deg": _degrees(judged.compass_error_rad),
-            "best_low_pass_rms_error_deg": _degrees(judged.low_pass_error_rad),
-            "best_low_pass_s": _number(judged.low_pass_s),
+            "rms_error_deg": _degrees(judgement.rms_error_rad),
+            "nees": _number(judgement.nees),
+            "compass_rms_error_deg": _degrees(judgement.compass_error_rad),
+            "best_low_pass_rms_error_deg": _degrees(judgement.low_pass_error_rad),
+            "best_low_pass_s": _number(judgement.low_pass_s),
         },
         "predictions": {
             f"{seconds}_s": {
@@ -86,9 +86,9 @@ def as_json(result: Result) -> dict[str, Any]:
                 "r2_against_low_passed_compass": _number(figures.r2_low_pass),
                 "nees": _number(figures.nees),
             }
-            for seconds, figures in judged.predictions.items()
+            for seconds, figures in judgement.predictions.items()
         },
-        "estimated": {key: _learned(estimates.columns[name], key) for name, key in LEARNED.items()},
+        "estimated": {key: _learned(estimates.columns[name], key) for name, key in LEARNED_VALUES.items()},
         "rudder_travel_commanded_deg_per_h": _number(math.degrees(estimates.travel_rad) / hours),
         "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(estimates, hours)),
         "restarts_s": [_time(begin_s + t_s) for t_s in estimates.restarts_s],
@@ -123,8 +123,8 @@ def lines_of(summary: dict[str, Any]) -> Iterator[str]:
             f"({_text(r2_low_pass)} against the low-passed compass), NEES {_text(figures['nees'])}"
         )
     travel = f"rudder travel of the computed command: {summary['rudder_travel_commanded_deg_per_h']:.0f} deg/h"
-    recorded = summary["rudder_travel_recorded_deg_per_h"]
-    yield travel if recorded is None else f"{travel}; recorded: {recorded:.0f} deg/h"
+    recorded_travel = summary["rudder_travel_recorded_deg_per_h"]
+    yield travel if recorded_travel is None else f"{travel}; recorded: {recorded_travel:.0f} deg/h"
     yield f"restarts: {len(summary['restarts_s'])}"
     yield from (f"{fault['name']} from {fault['from_s']:.1f} s to {fault['to_s']:.1f} s" for fault in summary["faults"])
     yield from (f"note: {note}" for note in summary["notes"])
@@ -137,9 +137,9 @@ def _recorded_travel_deg(estimates: Estimates, hours: float) -> float | None:
 
 def _learned(values: Floats, key: str) -> float | None:
     half = values[values.size // 2 :]
-    known = half[np.isfinite(half)]
-    middle = float(np.median(known)) if known.size else None
-    return _degrees(middle) if key.endswith("_deg") else _number(middle)
+    finite_values = half[np.isfinite(half)]
+    median_value = float(np.median(finite_values)) if finite_values.size else None
+    return _degrees(median_value) if key.endswith("_deg") else _number(median_value)
 
 
 def _degrees(angle_rad: float | None) -> float | None:
@@ -161,13 +161,13 @@ def _text(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.3g}"
 
 
-ESTIMATED = COLUMNS[:-2]  # the command and the compass are not estimates
+ESTIMATE_COLUMNS = COLUMNS[:-2]  # the command and the compass are not estimates
 CSV_DIGITS = 9
 
 
 def table_of(time_s: Floats, estimates: Estimates, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
-    """Return the columns by name; time_s as in the file."""
-    table = {"time_s": time_s, **{name: estimates.columns[name] for name in ESTIMATED}}
+    """Return the columns of the CSV file by name; `time_s` are the times of the file."""
+    table = {"time_s": time_s, **{name: estimates.columns[name] for name in ESTIMATE_COLUMNS}}
     for seconds, prediction in predictions.items():
         table[f"heading_in_{seconds}_s_rad"] = np.asarray(prediction.heading_rad % TWO_PI)
         table[f"heading_in_{seconds}_s_sd_rad"] = prediction.sd_rad
@@ -175,7 +175,7 @@ def table_of(time_s: Floats, estimates: Estimates, predictions: Mapping[int, Pre
 
 
 def as_csv(table: Mapping[str, Floats]) -> str:
-    """Return the columns as text, with exact times."""
+    """Return the columns as CSV text; times are exact."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)

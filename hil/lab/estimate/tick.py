@@ -1,7 +1,7 @@
-"""The autopilot's tick for the laboratory: the only module of `hil` that imports it (import contract `seam`).
+"""Run the autopilot's tick over a recording; no other module of `hil` imports it (import contract `seam`).
 
-The tick is the one of the firmware. The recorded rudder angle replaces its command, so that the monitors check the
-recorded steering; the controller is called a second time to compute the command that it would give.
+The tick is that of the firmware. The recorded rudder angle replaces the rudder command, so that the monitors check the
+recorded steering. The controller is called a second time to compute the command that it would give.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ from firmware_py.modes import HeadingGoal
 from hil.lab.estimate.recording import Recording
 from hil.lab.identify.recording import Floats
 
-MEAN_S: Final = 60.0  # many wave periods, and shorter than most courses
-MOVED_RAD: Final = radians(10.0)  # more than waves and gusts change the mean
+MEAN_S: Final = 60.0  # averages many wave periods, and is shorter than most legs
+MIN_GOAL_CHANGE_RAD: Final = radians(10.0)  # waves and gusts change the mean by less
 
 
 def goals_at(recording: Recording, times_s: Floats) -> Floats:
-    """Return the goal at times since the start of the recording.
+    """Return the heading goals at times since the start of the recording.
 
-    Without a recorded goal it is the mean heading of a minute, held until that mean differs by MOVED_RAD: a goal that
-    follows the heading continuously would give the monitors no heading error.
+    Without a recorded goal it is the mean heading of a minute, constant until that mean differs by MIN_GOAL_CHANGE_RAD.
+    With a goal that follows the heading continuously, the monitors would see no heading error.
     """
     goals = _mean_headings(recording, times_s)
     if recording.goal_s.size:
-        place = np.searchsorted(recording.goal_s, times_s, side="right") - 1
-        recorded = np.where(place >= 0, recording.goal_rad[np.maximum(place, 0)], np.nan)
+        index = np.searchsorted(recording.goal_s, times_s, side="right") - 1
+        recorded = np.where(index >= 0, recording.goal_rad[np.maximum(index, 0)], np.nan)
         goals = np.where(np.isfinite(recorded), recorded, goals)
     return np.asarray(goals % TWO_PI)
 
@@ -63,7 +63,7 @@ def _mean_headings(recording: Recording, times_s: Floats) -> Floats:
     means = (np.interp(high, time_s, area) - np.interp(low, time_s, area)) / spans
     goal, goals = float(means[0]), []
     for mean in means.tolist():
-        if abs(wrap_pi(mean - goal)) > MOVED_RAD:
+        if abs(wrap_pi(mean - goal)) > MIN_GOAL_CHANGE_RAD:
             goal = mean
         goals.append(goal)
     return np.array(goals)
@@ -71,10 +71,10 @@ def _mean_headings(recording: Recording, times_s: Floats) -> Floats:
 
 MAX_TICK_S: Final = 1.0  # largest tick interval
 GAP_INTERVALS: Final = 1.5  # a heading is missing after this number of intervals
-TICKS_IN_GAP_S: Final = 120.0  # later ticks in a gap change nothing
-LEVELS: Final = 6
+MAX_GAP_TICKS_S: Final = 120.0  # later ticks in a gap have no effect
+LEVEL_COUNT: Final = 6  # noise levels of the heading filter
 TICKS_PER_REPORT: Final = 500
-RESTARTED: Final = "Heading estimate restarted"
+RESTART_TEXT: Final = "Heading estimate restarted"
 # Estimates of a tick with a heading, in the order of `_row`; then rudder command and corrected compass heading.
 COLUMNS: Final = (
     *("heading_rad", "heading_sd_rad", "yaw_rate_rad_s", "yaw_rate_sd_rad_s", "rudder_bias_rad", "rudder_bias_sd_rad"),
@@ -122,11 +122,11 @@ class Estimates:
 
 
 def run_ticks(parameters: ParameterSet, recording: Recording, report: Report) -> Estimates:
-    """Run the ticks over a recording; `report` gets the finished and the total number of ticks."""
+    """Run the ticks over a recording; `report` is called with the finished and the total number of ticks."""
     times_s, is_row, interval_s = _tick_times(recording)
     goals = goals_at(recording, times_s)
     headings, positions, rudder = _Queue(recording.headings), _Queue(recording.positions), _Queue(recording.rudder)
-    state, log = State.at_start(parameters), _Log()
+    state, results = State.at_start(parameters), _Results()
     settings = settings_of(parameters)
     to_rudder, angle_rad, controller = settings.rudder.linkage.to_rudder, 0.0, _Controller()
     for number, (now_s, goal) in enumerate(zip(times_s.tolist(), goals.tolist(), strict=True)):
@@ -140,34 +140,36 @@ def run_ticks(parameters: ParameterSet, recording: Recording, report: Report) ->
             headings=samples,
             positions=positions.take(now_s),
             rudder=feedback,
-            requests=_orders(state, goal, now_s),
+            requests=_requests(state, goal, now_s),
         )
-        # The monitors check the recorded steering: the recorded angle replaces the command.
+        # The recorded angle replaces the command, so that the monitors check the recorded steering.
         before = replace(state, rudder=replace(state.rudder, command_rad=angle_rad))
         state, output = step(before, inputs)
         controller.steer(settings, state, output.snapshot, before.timing.step_s(now_s))
-        log.take(output, now_s)
+        results.take(output, now_s)
         if is_row[number]:
             compass = next(sample for sample in reversed(samples) if sample.source == recording.source)
-            log.rows.append(_row(output.snapshot, controller.command_rad, _true_heading_rad(settings, state, compass)))
-            log.filters.append(_filter_row(settings, state, now_s))
+            results.rows.append(
+                _row(output.snapshot, controller.command_rad, _true_heading_rad(settings, state, compass))
+            )
+            results.filters.append(_filter_row(settings, state, now_s))
         if number % TICKS_PER_REPORT == 0 or number + 1 == times_s.size:
             report(number + 1, times_s.size)
-    columns = np.array(log.rows, dtype=np.float64).T
-    filters = np.array(log.filters, dtype=np.float64)
+    columns = np.array(results.rows, dtype=np.float64).T
+    filters = np.array(results.filters, dtype=np.float64)
     shafts = [(sample.t_s, sample.shaft_rad) for sample in recording.rudder if sample.shaft_rad is not None]
     return Estimates(
         times_s[is_row],
         dict(zip(COLUMNS, columns, strict=True)),
         goals[is_row],
-        log.fault_spans(float(times_s[-1])),
-        tuple(log.restarts_s),
+        results.fault_spans(float(times_s[-1])),
+        tuple(results.restarts_s),
         controller.travel_rad,
         times_s.size,
         np.array([t_s for t_s, _ in shafts]),
         np.array([to_rudder(shaft_rad) for _, shaft_rad in shafts]),
-        filters[:, : -LEVELS - 4],
-        filters[:, -LEVELS - 4 : -4],
+        filters[:, : -LEVEL_COUNT - 4],
+        filters[:, -LEVEL_COUNT - 4 : -4],
         filters[:, -4:-1],
         filters[:, -1],
     )
@@ -181,19 +183,19 @@ def _unknown_rudder(now_s: float) -> RudderFeedback:
 def _filter_row(settings: Settings, state: State, now_s: float) -> tuple[float, ...]:
     """Return state and covariance of the heading filter, its levels, K, T and alpha, and the inflation.
 
-    NaN where the filter has no state of this time: before it has started, and while the compass is not used.
+    NaN if the filter has no state of this time: before it starts, and while the compass is not used.
     """
     estimator = state.heading_estimator
     tick = estimator.tick
     if tick.filter.t_s != now_s:
-        return (math.nan,) * (len(Motion._fields) + LEVELS + 4)
+        return (math.nan,) * (len(Motion._fields) + LEVEL_COUNT + 4)
     model = water.model_at_speed(settings.heading_estimator.tick.model, estimator.water)
     inflation = prediction_check.sd_inflation(tick.check)
     return (*tick.filter.motion, *tick.filter.levels, *model[:3], inflation)
 
 
 def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -> float:
-    """Return the true heading of a compass sample, with the corrections of the estimator."""
+    """Return the true heading of a compass sample, corrected as in the estimator."""
     corrections = settings.heading_estimator.observer
     declination_rad = state.heading_estimator.declination.declination_rad
     if settings.heading_estimator.declination_by_model and declination_rad is not None:
@@ -229,8 +231,8 @@ def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[fl
     )
 
 
-def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
-    """Return the requests of a tick: arm and steer to the goal as soon as there is a heading."""
+def _requests(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
+    """Return the requests of a tick: as soon as there is a heading, arm, and steer to the goal."""
     modes = state.modes
     if state.heading_estimator.heading.sample_t_s is None:
         return ()
@@ -244,30 +246,30 @@ def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
 def _tick_times(recording: Recording) -> tuple[Floats, NDArray[np.bool_], float]:
     """Return the times of the ticks, which of them have a heading, and the median interval.
 
-    Ticks continue in a gap, for the monitors, at the interval of the headings.
+    In a gap, ticks continue at the interval of the headings, for the monitors.
     """
     at_s = np.unique([sample.t_s for sample in recording.headings if sample.source == recording.source])
     interval_s = min(float(np.median(np.diff(at_s))), MAX_TICK_S)
-    more = [
-        begin_s + interval_s * np.arange(1, math.ceil(min(end_s - begin_s, TICKS_IN_GAP_S) / interval_s - 0.5))
+    gap_times_s = [
+        begin_s + interval_s * np.arange(1, math.ceil(min(end_s - begin_s, MAX_GAP_TICKS_S) / interval_s - 0.5))
         for begin_s, end_s in pairwise(at_s.tolist())
         if end_s - begin_s > GAP_INTERVALS * interval_s
     ]
-    between_s = np.concatenate(more) if more else np.zeros(0)
-    times_s = np.concatenate((at_s, between_s))
+    extra_s = np.concatenate(gap_times_s) if gap_times_s else np.zeros(0)
+    times_s = np.concatenate((at_s, extra_s))
     order = np.argsort(times_s, kind="stable")
     return times_s[order], (np.arange(times_s.size) < at_s.size)[order], interval_s
 
 
 class _Queue(Generic[Sample]):
-    """Samples of one kind in order of time."""
+    """Samples of one type in order of time."""
 
     def __init__(self, samples: Sequence[Sample]) -> None:
         self._samples: Sequence[Sample] = samples
         self._next = 0
 
     def take(self, now_s: float) -> tuple[Sample, ...]:
-        """Return the samples since the last call, up to a time."""
+        """Return the samples after those of the last call up to time `now_s`."""
         begin = self._next
         while self._next < len(self._samples) and self._samples[self._next].t_s <= now_s:
             self._next += 1
@@ -276,27 +278,29 @@ class _Queue(Generic[Sample]):
 
 @dataclass(slots=True)
 class _Controller:
-    """The command of the heading controller, if its previous commands had been executed."""
+    """The command that the heading controller would give if its previous commands had been executed."""
 
     controller: LawState = IDLE
     command_rad: float = 0.0
     travel_rad: float = 0.0
 
     def steer(self, settings: Settings, state: State, snapshot: Snapshot, step_s: float) -> None:
-        """Take a tick."""
+        """Process a tick."""
         target = SteeringTarget(snapshot.goal_heading_rad, snapshot.heading_error_rad)
-        own = replace(state, rudder=replace(state.rudder, command_rad=self.command_rad), controller=self.controller)
-        demand_rad, self.controller = compute_rudder_demand(
-            settings, own, target, snapshot.gain_reduction, snapshot.t_s, step_s
+        own_state = replace(
+            state, rudder=replace(state.rudder, command_rad=self.command_rad), controller=self.controller
         )
-        before_rad = self.command_rad
-        self.command_rad = limit_command(settings.rudder.limits, before_rad, demand_rad, step_s)
-        self.travel_rad += abs(self.command_rad - before_rad)
+        demand_rad, self.controller = compute_rudder_demand(
+            settings, own_state, target, snapshot.gain_reduction, snapshot.t_s, step_s
+        )
+        previous_rad = self.command_rad
+        self.command_rad = limit_command(settings.rudder.limits, previous_rad, demand_rad, step_s)
+        self.travel_rad += abs(self.command_rad - previous_rad)
 
 
 @dataclass(slots=True)
-class _Log:
-    """Reports of the ticks so far."""
+class _Results:
+    """Results of the ticks so far."""
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
     filters: list[tuple[float, ...]] = field(default_factory=list)
@@ -305,9 +309,9 @@ class _Log:
     since_s: dict[Fault, float] = field(default_factory=dict)
 
     def take(self, output: Output, now_s: float) -> None:
-        """Take a tick."""
+        """Process a tick."""
         snapshot = output.snapshot
-        if any(event.text == RESTARTED for event in output.events):
+        if any(event.text == RESTART_TEXT for event in output.events):
             self.restarts_s.append(now_s)
         active = {fault for fault in Fault if snapshot.faults >> fault & 1} if snapshot.faults else set()
         if active == self.since_s.keys():
@@ -318,6 +322,6 @@ class _Log:
             self.faults.append(FaultSpan(fault.name, self.since_s.pop(fault), now_s))
 
     def fault_spans(self, end_s: float) -> tuple[FaultSpan, ...]:
-        """Return all faults in order of time; active ones end with the recording."""
+        """Return all faults in order of time; active faults end at the end of the recording."""
         faults = [*self.faults, *(FaultSpan(fault.name, since_s, end_s) for fault, since_s in self.since_s.items())]
         return tuple(sorted(faults, key=lambda fault: (fault.from_s, fault.name)))

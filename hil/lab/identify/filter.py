@@ -17,24 +17,24 @@ from hil.lab.compiled import compiled
 from hil.lab.identify.recording import Floats
 from hil.lab.numeric_core import Motion, NoiseLevels, heading_model, inner, kt
 
-# Indices of the unknowns. K, T and the noise levels are natural logarithms; the exponent is that of the speed.
+# Indices of the unknowns. K, T and the noise levels are natural logarithms; EXPONENT is the exponent of the speed.
 LN_K, LN_T, ALPHA, OFFSET, DELAY, LAG, EXPONENT, DIFFUSION, WAVE, PERIOD, DAMPING, COMPASS, WALK, GYRO = range(14)
-UNKNOWNS = 14
+UNKNOWN_COUNT = 14
 
-OUTLIER = heading_model.OUTLIER_SQUARE
-UNKNOWN_RATE_VARIANCE = 1.0  # at the first row of a recording without yaw rates
-BIAS_MEMORY_S = 300.0  # initial bias variance: that of a random walk of this time around delta0
+OUTLIER_SQUARE = heading_model.OUTLIER_SQUARE
+UNKNOWN_RATE_VARIANCE = 1.0  # (rad/s)^2, at the first row of a recording without yaw rates
+BIAS_MEMORY_S = 300.0  # the initial bias variance is that of a random walk of this duration from delta0
 
 
 @inner
 def advance(
     m: Motion, levels: NoiseLevels, gain_1_s: float, lag_s: float, alpha_s2: float, rudder_rad: float, step_s: float
 ) -> Motion:
-    """Return the state after a step, with the cubic term linearised at its start."""
+    """Predict the state over one step, with the cubic term linearised at the start of the step."""
     rate = m.yaw_rate_rad_s
     cubic = alpha_s2 * rate * rate
     slope = 1.0 + 3.0 * cubic
-    # The same disturbance in dr/dt: sqrt(D) / T.
+    # Keeps the disturbance of dr/dt, sqrt(D) / T, when T is scaled.
     diffusion = levels.diffusion - 2.0 * math.log(slope)
     scaled = NoiseLevels(
         diffusion, levels.wave_sd, levels.wave_period, levels.wave_damping, levels.compass_noise, levels.bias_walk
@@ -48,16 +48,16 @@ def innovations(
     values: Floats,
     sign: float,
     step_s: Floats,
-    first: NDArray[np.bool_],
+    is_first: NDArray[np.bool_],
     measured: Floats,
     rudder_rad: Floats,
     speed_ratio: Floats,
-    headings: bool,  # noqa: FBT001 - numba takes no keywords
+    use_headings: bool,  # noqa: FBT001 - numba takes no keywords
     out: Floats,
 ) -> None:
-    """Fill out (2, rows) with the innovations and their variances.
+    """Compute the innovations and their variances into `out`, (2, rows).
 
-    first: the first rows of stretches. measured: headings, or yaw rates. rudder_rad: the mean over the interval
+    is_first: the first rows of stretches. measured: headings, or yaw rates. rudder_rad: the mean over the interval
     that ends at each row.
     """
     levels = NoiseLevels(
@@ -67,57 +67,63 @@ def innovations(
     gain_1_s, lag_s, alpha_s2 = sign * math.exp(values[LN_K]), math.exp(values[LN_T]), values[ALPHA]
     m = start = heading_model.begin(0.0, levels)
     for row in range(step_s.shape[0]):
-        if first[row]:
-            heading, rate = (measured[row], 0.0) if headings else (0.0, measured[row])
-            rate_variance = UNKNOWN_RATE_VARIANCE if headings else gyro + start.p44
+        if is_first[row]:
+            heading, rate = (measured[row], 0.0) if use_headings else (0.0, measured[row])
+            rate_variance = UNKNOWN_RATE_VARIANCE if use_headings else gyro + start.p44
             m = heading_model.begin_at(heading, rate, rate_variance, values[OFFSET], walk * BIAS_MEMORY_S, levels)
         else:
             ratio = speed_ratio[row] ** values[EXPONENT]
             gain, lag, alpha = gain_1_s * ratio, lag_s / ratio, alpha_s2 / (ratio * ratio)
             m = advance(m, levels, gain, lag, alpha, rudder_rad[row], step_s[row])
-        if headings:
+        if use_headings:
             m, out[0, row], out[1, row] = heading_model.correct(m, levels, measured[row])
         else:
             m, out[0, row], out[1, row] = heading_model.correct_rate(m, measured[row], gyro)
 
 
 @compiled
-def scores(base: Floats, moved: Floats, by: Floats, gradient: Floats, information: Floats) -> None:
-    """Add gradient and Fisher information of minus the log-likelihood, from innovations of moved unknowns.
+def add_derivatives(base: Floats, moved: Floats, change: Floats, gradient: Floats, information: Floats) -> None:
+    """Add the gradient and the Fisher information of minus the log-likelihood, by finite differences.
 
-    base (2, rows), moved (unknowns, 2, rows): innovations and variances; by: the change of each unknown.
+    base: (2, rows), innovations and variances. moved: (unknowns, 2, rows), with one unknown changed by its `change`.
     """
     count = moved.shape[0]
-    by_innovation, by_variance = np.zeros(count), np.zeros(count)
+    innovation_slopes, variance_slopes = np.zeros(count), np.zeros(count)
     for row in range(base.shape[1]):
         variance = base[1, row]
         spread = math.sqrt(variance)
         z = base[0, row] / spread
-        inside = z * z <= OUTLIER
+        is_inlier = z * z <= OUTLIER_SQUARE
         for i in range(count):
-            by_variance[i] = (moved[i, 1, row] - variance) / by[i] / variance
-            by_innovation[i] = (moved[i, 0, row] - base[0, row]) / by[i] / spread if inside else 0.0
+            variance_slopes[i] = (moved[i, 1, row] - variance) / change[i] / variance
+            innovation_slopes[i] = (moved[i, 0, row] - base[0, row]) / change[i] / spread if is_inlier else 0.0
         for i in range(count):
-            gradient[i] += 0.5 * by_variance[i] * (1.0 - z * z) + z * by_innovation[i] if inside else by_variance[i] / 2
+            gradient[i] += (
+                0.5 * variance_slopes[i] * (1.0 - z * z) + z * innovation_slopes[i]
+                if is_inlier
+                else variance_slopes[i] / 2
+            )
             for j in range(i + 1):
-                information[i, j] += by_innovation[i] * by_innovation[j] + 0.5 * by_variance[i] * by_variance[j]
+                information[i, j] += (
+                    innovation_slopes[i] * innovation_slopes[j] + 0.5 * variance_slopes[i] * variance_slopes[j]
+                )
 
 
 @compiled
-def lagged(mean_rad: Floats, step_s: Floats, first: NDArray[np.bool_], lag_s: float, out: Floats) -> None:
-    """Fill `out` with the means after a first-order lag, which starts each stretch at rest."""
-    now = 0.0
+def apply_lag(mean_rad: Floats, step_s: Floats, is_first: NDArray[np.bool_], lag_s: float, out: Floats) -> None:
+    """Compute the means after a first-order lag into `out`; the lag starts each stretch at its first input."""
+    lagged = 0.0
     for row in range(step_s.shape[0]):
-        if first[row]:
-            now = out[row] = mean_rad[row]
+        if is_first[row]:
+            lagged = out[row] = mean_rad[row]
             continue
-        fade = math.exp(-step_s[row] / lag_s)
-        out[row] = mean_rad[row] + (now - mean_rad[row]) * (1.0 - fade) * lag_s / step_s[row]
-        now = mean_rad[row] + (now - mean_rad[row]) * fade
+        decay = math.exp(-step_s[row] / lag_s)
+        out[row] = mean_rad[row] + (lagged - mean_rad[row]) * (1.0 - decay) * lag_s / step_s[row]
+        lagged = mean_rad[row] + (lagged - mean_rad[row]) * decay
 
 
 def model_of(values: Floats, sign: float) -> Floats:
-    """Return K, T, alpha, delta0 and the exponent of the speed."""
+    """Return K, T, alpha, delta0 and the exponent of the speed from the unknowns."""
     return np.array([sign * math.exp(values[LN_K]), math.exp(values[LN_T]), *values[[ALPHA, OFFSET, EXPONENT]]])
 
 
@@ -126,19 +132,19 @@ def simulate(
     model: Floats,
     starts_rad_s: Floats,
     step_s: Floats,
-    first: NDArray[np.bool_],
+    is_first: NDArray[np.bool_],
     rudder_rad: Floats,
     speed_ratio: Floats,
     out: Floats,
 ) -> None:
-    """Fill out (2, rows) with heading and yaw rate from the rudder alone; each stretch starts with heading 0.
+    """Compute heading and yaw rate from the rudder alone into `out`, (2, rows); each stretch starts at heading 0.
 
-    model: as of model_of. starts_rad_s: the first yaw rate of each stretch.
+    model: see model_of. starts_rad_s: the first yaw rate of each stretch.
     """
     heading = rate = 0.0
     stretch = -1
     for row in range(step_s.shape[0]):
-        if first[row]:
+        if is_first[row]:
             stretch += 1
             heading, rate = 0.0, starts_rad_s[stretch]
         else:
@@ -151,6 +157,6 @@ def simulate(
                 slope = 1.0 + 3.0 * cubic
                 steady = (gain * (rudder_rad[row] - model[3]) + 2.0 * cubic * rate) / slope
                 decay = kt.decay_over(step, lag / slope)
-                turned, rate = kt.exact_step(rate, steady, decay, step, lag / slope)
-                heading += turned
+                heading_change, rate = kt.exact_step(rate, steady, decay, step, lag / slope)
+                heading += heading_change
         out[0, row], out[1, row] = heading, rate

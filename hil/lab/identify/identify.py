@@ -1,4 +1,4 @@
-"""Identification: from recordings to a model with its verdicts."""
+"""Identification: estimate a model from recordings and judge it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from hil.lab.identify.stretches import Data, prepare
 from hil.lab.identify.verdict import Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
-SPEEDS = {"auto": None, "scaled": 1.0, "ignored": 0.0}  # exponent of the speed, None: estimated
-CONSTANT = 1e-9
-USUAL_RUDDER_RAD = 0.5  # a command without unit is scaled to this size, for which the prior is valid
+SPEEDS = {"auto": None, "scaled": 1.0, "ignored": 0.0}  # exponent of the speed; None: estimated
+CONSTANT_RUDDER_RANGE = 1e-9  # relative
+MAX_SCALED_RUDDER_RAD = 0.5  # a command that is not an angle is scaled to this maximum, for which the prior is valid
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,38 +46,38 @@ def identify(
     *,
     model: str = "auto",
     speed: str = "auto",
-    angular: bool = True,
+    is_angle: bool = True,
     report: Callable[[], None] = lambda: None,
 ) -> Identification:
     """Identify K, T, alpha and delta0; raise UsageError for data without information.
 
-    model: "linear" fixes alpha at zero, "cubic" and "auto" estimate it. angular: the rudder is an angle, not a command
+    model: "linear" fixes alpha at zero, "cubic" and "auto" estimate it. is_angle: the rudder is an angle, not a command
     of another unit.
     """
     data = prepare(train)
     _check_motion(data)
     with compiling("the identification"):
-        size = 1.0 if angular else USUAL_RUDDER_RAD / float(np.max(np.abs(data.rudder_rad)))
-        scaled = tuple(replace(stretch, rudder_rad=size * stretch.rudder_rad) for stretch in data.stretches)
-        found = fit(replace(data, stretches=scaled), cubic=model != "linear", exponent=SPEEDS[speed], report=report)
-        found = found.per_unit(size)
-        errors = errors_of("train", found, data)
+        scale = 1.0 if is_angle else MAX_SCALED_RUDDER_RAD / float(np.max(np.abs(data.rudder_rad)))
+        scaled = tuple(replace(stretch, rudder_rad=scale * stretch.rudder_rad) for stretch in data.stretches)
+        result = fit(replace(data, stretches=scaled), cubic=model != "linear", exponent=SPEEDS[speed], report=report)
+        result = result.per_unit(scale)
+        errors = errors_of("train", result, data)
         others = tuple(
-            errors_of(recording.name, found, prepare((recording,), data.speed_m_s, fitted=False))
+            errors_of(recording.name, result, prepare((recording,), data.speed_m_s, fitted=False))
             for recording in validate
         )
-    judgement = judge(found, data, errors)
-    return Identification(data, found, judgement, errors, others, "linear" if model == "linear" else "cubic")
+    judgement = judge(result, data, errors)
+    return Identification(data, result, judgement, errors, others, "linear" if model == "linear" else "cubic")
 
 
 def _check_motion(data: Data) -> None:
     rudder = data.rudder_rad
     low, high = float(np.min(rudder)), float(np.max(rudder))
     names = ", ".join(sorted({stretch.name for stretch in data.stretches}))
-    columns = [column for one in data.stretches for column in (one.heading_rad, one.yaw_rate_rad_s)]
+    columns = [column for stretch in data.stretches for column in (stretch.heading_rad, stretch.yaw_rate_rad_s)]
     if not any(float(np.ptp(column)) > 0.0 for column in columns if column is not None):
         raise UsageError(f"{names}: heading and yaw rate are constant; record a zigzag")
-    if high - low <= CONSTANT * max(abs(low), abs(high), 1.0):
+    if high - low <= CONSTANT_RUDDER_RANGE * max(abs(low), abs(high), 1.0):
         raise UsageError(
             f"{names}: constant rudder {low:g}: no information on the model; "
             "record a zigzag, or give a second file with another rudder angle"

@@ -17,21 +17,21 @@ from firmware_py.log.reader import LoggedTick, LogReader
 from hil.errors import UsageError
 from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
 
-SPEED_SMOOTHED_S = 60.0  # removes wave motion from the speed of the fixes
-PRESENT_SHARE = 0.95
+SMOOTHING_S = 60.0  # removes wave motion from the speed of the fixes
+MIN_PRESENT_FRACTION = 0.95
 
 Pair = tuple[float, float]
 
 
 @dataclass(slots=True)
-class _Gathered:
+class _LogData:
     headings: list[HeadingSample] = field(default_factory=list)
-    shaft: list[Pair] = field(default_factory=list)
-    command: list[Pair] = field(default_factory=list)
-    speed: list[Pair] = field(default_factory=list)
+    shaft_angles: list[Pair] = field(default_factory=list)
+    commands: list[Pair] = field(default_factory=list)
+    speeds: list[Pair] = field(default_factory=list)
     centre_rad: float = 0.0
     sign: float = 1.0
-    linkage_known: bool = False
+    has_linkage: bool = False
     start_s: float | None = None
 
 
@@ -39,33 +39,33 @@ def read(path: Path) -> Recording:
     """Read a .BIN or .BIN.gz log, with times relative to its first tick, or raise UsageError."""
     reader = LogReader(path)
     try:
-        got = _gather(reader)
+        samples_ = _gather(reader)
     except LogError as error:
         raise UsageError(f"{path}: {error}") from None
-    if got.start_s is None:
+    if samples_.start_s is None:
         raise UsageError(f"{path}: no complete tick; give a log of the autopilot")
     notes = []
     if reader.reading.damaged:
         notes.append(f"{reader.reading.damaged} damaged ticks ignored")
-    headings = _one_kind(got.headings, notes)
+    headings = _one_kind(samples_.headings, notes)
     if len(headings) < MIN_ROWS:
         raise UsageError(f"{path}: {len(headings)} headings; give a log of a run with a compass")
-    rudder, time_of_rudder = _rudder(path, got, notes)
+    rudder, time_of_rudder = _rudder(path, samples_, notes)
     time_s = np.array([sample.t_s for sample in headings])
     yaw_rates = [sample.yaw_rate_rad_s for sample in headings]
-    known = np.array([rate is not None for rate in yaw_rates])
+    is_known = np.array([rate is not None for rate in yaw_rates])
     rates: Floats | None = None
-    if known.mean() >= PRESENT_SHARE:
+    if is_known.mean() >= MIN_PRESENT_FRACTION:
         values = np.array([np.nan if rate is None else rate for rate in yaw_rates], dtype=np.float64)
-        rates = np.interp(time_s, time_s[known], values[known])
-    inside = (time_s >= time_of_rudder[0]) & (time_s <= time_of_rudder[-1])
+        rates = np.interp(time_s, time_s[is_known], values[is_known])
+    is_inside = (time_s >= time_of_rudder[0]) & (time_s <= time_of_rudder[-1])
     recording = Recording(
         str(path),
-        time_s[inside] - got.start_s,
-        np.interp(time_s, time_of_rudder, rudder)[inside],
-        np.array([sample.heading_rad for sample in headings])[inside],
-        None if rates is None else rates[inside],
-        smoothed_speed(got.speed, time_s[inside], notes),
+        time_s[is_inside] - samples_.start_s,
+        np.interp(time_s, time_of_rudder, rudder)[is_inside],
+        np.array([sample.heading_rad for sample in headings])[is_inside],
+        None if rates is None else rates[is_inside],
+        smooth_speed(samples_.speeds, time_s[is_inside], notes),
         tuple(notes),
     )
     columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, rates, recording.speed_m_s)
@@ -74,35 +74,37 @@ def read(path: Path) -> Recording:
     return recording
 
 
-def _gather(ticks: Iterable[LoggedTick]) -> _Gathered:
-    got = _Gathered()
+def _gather(ticks: Iterable[LoggedTick]) -> _LogData:
+    samples_ = _LogData()
     for tick in ticks:
         inputs = tick.inputs
-        if got.start_s is None:
-            got.start_s = inputs.tick.t_s
+        if samples_.start_s is None:
+            samples_.start_s = inputs.tick.t_s
         if tick.checkpoint is not None:
-            _take_linkage(got, tick.checkpoint)
-        got.headings.extend(inputs.headings)
-        got.shaft.extend((rudder.t_s, rudder.shaft_rad) for rudder in inputs.rudder if rudder.shaft_rad is not None)
-        got.command.append((inputs.tick.t_s, tick.command.shaft_rad))
-        got.speed.extend(
+            _read_linkage(samples_, tick.checkpoint)
+        samples_.headings.extend(inputs.headings)
+        samples_.shaft_angles.extend(
+            (rudder.t_s, rudder.shaft_rad) for rudder in inputs.rudder if rudder.shaft_rad is not None
+        )
+        samples_.commands.append((inputs.tick.t_s, tick.command.shaft_rad))
+        samples_.speeds.extend(
             (fix.t_s, fix.speed_over_ground_m_s) for fix in inputs.positions if fix.speed_over_ground_m_s is not None
         )
-    return got
+    return samples_
 
 
-def _take_linkage(got: _Gathered, checkpoint: str) -> None:
+def _read_linkage(samples_: _LogData, checkpoint: str) -> None:
     """Read the relation of shaft and rudder from the parameters of a stored state."""
     try:
         parameters = json.loads(checkpoint)["parameters"]
         centre_deg, reverse = float(parameters["RUD_CENTRE_DEG"]), bool(parameters["RUD_REVERSE"])
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return
-    got.centre_rad, got.sign, got.linkage_known = radians(centre_deg), -1.0 if reverse else 1.0, True
+    samples_.centre_rad, samples_.sign, samples_.has_linkage = radians(centre_deg), -1.0 if reverse else 1.0, True
 
 
 def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSample]:
-    """Return the headings of the most frequent compass and north reference, in order of time."""
+    """Return the headings of the most frequent compass and north reference; times increase."""
     if not samples:
         return []
     kinds: Counter[tuple[int, NorthReference]] = Counter((sample.source, sample.reference) for sample in samples)
@@ -118,36 +120,36 @@ def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSam
     return kept
 
 
-def _rudder(path: Path, got: _Gathered, notes: list[str]) -> tuple[Floats, Floats]:
-    """Return rudder angles and their times."""
-    pairs = got.shaft
+def _rudder(path: Path, samples_: _LogData, notes: list[str]) -> tuple[Floats, Floats]:
+    """Return rudder angles [rad] and their times [s]."""
+    pairs = samples_.shaft_angles
     if len(pairs) < MIN_ROWS:
-        pairs = got.command
+        pairs = samples_.commands
         notes.append("no rudder feedback: the command is used as rudder angle, so T includes the servo lag")
-    if not got.linkage_known:
+    if not samples_.has_linkage:
         notes.append("no stored parameters: the shaft angle is used as rudder angle")
-    table = np.array(rising(pairs), dtype=np.float64)
+    table = np.array(keep_increasing(pairs), dtype=np.float64)
     if table.shape[0] < MIN_ROWS:
         raise UsageError(f"{path}: too short, {table.shape[0]} rudder angles; give a longer log")
-    return got.sign * (table[:, 1] - got.centre_rad), table[:, 0]
+    return samples_.sign * (table[:, 1] - samples_.centre_rad), table[:, 0]
 
 
-def smoothed_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
-    """Return the smoothed speed over ground at these times, None without fixes over the whole time."""
-    table = np.array(rising(pairs), dtype=np.float64).reshape(-1, 2)
+def smooth_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
+    """Return the smoothed speed over ground at the given times, None if the fixes do not cover them."""
+    table = np.array(keep_increasing(pairs), dtype=np.float64).reshape(-1, 2)
     if table.shape[0] < MIN_ROWS or not time_s.size:
         return None
-    if table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
+    if table[-1, 0] - table[0, 0] < MIN_PRESENT_FRACTION * (time_s[-1] - time_s[0]):
         return None
     total = np.concatenate(([0.0], np.cumsum(0.5 * (table[1:, 1] + table[:-1, 1]) * np.diff(table[:, 0]))))
-    low = np.clip(time_s - SPEED_SMOOTHED_S / 2, table[0, 0], table[-1, 0] - 1e-3)
-    high = np.clip(time_s + SPEED_SMOOTHED_S / 2, table[0, 0] + 1e-3, table[-1, 0])
+    low = np.clip(time_s - SMOOTHING_S / 2, table[0, 0], table[-1, 0] - 1e-3)
+    high = np.clip(time_s + SMOOTHING_S / 2, table[0, 0] + 1e-3, table[-1, 0])
     mean = (np.interp(high, table[:, 0], total) - np.interp(low, table[:, 0], total)) / (high - low)
-    notes.append(f"speed over ground used, smoothed over {SPEED_SMOOTHED_S:g} s")
+    notes.append(f"speed over ground used, smoothed over {SMOOTHING_S:g} s")
     return np.asarray(mean, dtype=np.float64)
 
 
-def rising(pairs: list[Pair]) -> list[Pair]:
+def keep_increasing(pairs: list[Pair]) -> list[Pair]:
     """Remove pairs whose time does not increase."""
     kept: list[Pair] = []
     for pair in pairs:

@@ -21,60 +21,60 @@ from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_
 COLUMNS = ("", "value", "95 % interval", Cell("verdict"))
 
 
-def page_of(result: Identification, text: str, picture: bytes, title: str, *, angular: bool) -> str:
-    """Return the page: table, plot, and the text of the terminal; angular: the rudder column is an angle."""
-    rows = [_row(name, estimate, angular=angular) for name, estimate in result.judgement.estimates.items()]
+def page_of(result: Identification, text: str, image: bytes, title: str, *, is_angle: bool) -> str:
+    """Return the page: table, plot, and the text of the terminal; is_angle: the rudder column is an angle."""
+    rows = [_row(name, estimate, is_angle=is_angle) for name, estimate in result.judgement.estimates.items()]
     return page.page(
         title,
         [
             page.table([COLUMNS, *rows]),
             page.heading("Measured and predicted"),
-            page.image(picture, "heading, error, yaw rate and rudder"),
+            page.image(image, "heading, error, yaw rate and rudder"),
             page.heading("Report"),
             page.verbatim(text),
         ],
     )
 
 
-def _row(name: str, estimate: Estimate, *, angular: bool) -> tuple[str | Cell, ...]:
-    value, interval, unit = figures(name, estimate, angular=angular)
-    kind = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
+def _row(name: str, estimate: Estimate, *, is_angle: bool) -> tuple[str | Cell, ...]:
+    value, interval, unit = figures(name, estimate, is_angle=is_angle)
+    style = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
     text = f"{value} {unit.replace('^2', '²')}".rstrip()
-    return (name, text, interval, Cell(estimate.verdict, kind, estimate.why))
+    return (name, text, interval, Cell(estimate.verdict, style, estimate.reason))
 
 
 MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
-BAND_DEG = 10.0  # almost all errors in figure 5 of the paper
+BAND_DEG = 10.0  # contains almost all errors in figure 5 of the paper
 MAX_COLUMNS = 3
-MAX_POINTS = 6000
+MAX_POINTS = 6000  # of a curve
 
 
-def draw(parts: Sequence[Errors], title: str, *, angular: bool = True) -> bytes:
+def draw(all_errors: Sequence[Errors], title: str, *, is_angle: bool = True) -> bytes:
     """Return a PNG: a column for each recording, with heading, its error, yaw rate and rudder.
 
-    angular: the rudder column is an angle, not a command of another unit.
+    is_angle: the rudder column is an angle, not a command of another unit.
     """
-    plotted = [part for part in parts if part.predictions][:MAX_COLUMNS]
-    figure = new_figure(title, 4.0 + 4.6 * len(plotted), 9.0)
-    grid = figure.subplots(4, len(plotted), sharex="col", squeeze=False, height_ratios=(1.5, 1.0, 1.0, 0.8))
-    for column, part in enumerate(plotted):
+    plotted_errors = [errors for errors in all_errors if errors.predictions][:MAX_COLUMNS]
+    figure = new_figure(title, 4.0 + 4.6 * len(plotted_errors), 9.0)
+    grid = figure.subplots(4, len(plotted_errors), sharex="col", squeeze=False, height_ratios=(1.5, 1.0, 1.0, 0.8))
+    for column, errors in enumerate(plotted_errors):
         axes = grid[:, column]
-        name_panel(axes[0], Path(part.file).name)  # a long path would overlap the legend
-        for number, prediction in enumerate(part.predictions):
-            _stretch(axes, _thinned(prediction), first=number == 0, angular=angular)
+        name_panel(axes[0], Path(errors.file).name)  # a long path would overlap the legend
+        for number, prediction in enumerate(errors.predictions):
+            _draw_stretch(axes, _thin(prediction), with_labels=number == 0, is_angle=is_angle)
         for panel in axes:
             finish(panel)
         axes[-1].set_xlabel("time, s")
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png")
-    return picture.getvalue()
+    image = io.BytesIO()
+    figure.savefig(image, format="png")
+    return image.getvalue()
 
 
-def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -> None:
+def _draw_stretch(axes: Any, prediction: Prediction, *, with_labels: bool, is_angle: bool) -> None:
     degrees, time_s = DEGREES_PER_RADIAN, prediction.stretch.time_s
 
     def label(text: str) -> str | None:
-        return text if first else None
+        return text if with_labels else None
 
     measured = prediction.stretch.heading_rad
     if measured is not None:
@@ -87,21 +87,21 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -
         rate = prediction.stretch.yaw_rate_rad_s
         axes[2].plot(time_s, rate * degrees, color=MEASURED, lw=1.2, label=label("measured"))
         # Waves and noise may be much larger than the turning of the hull: limit the axis.
-        fastest = max(float(np.quantile(np.abs(rate), 0.98)), float(np.max(np.abs(prediction.yaw_rate_rad_s))))
-        reach = 1.3 * fastest * degrees
-        if np.isfinite(reach) and reach > 0.0:
-            axes[2].set_ylim(-reach, reach)
+        max_rate_rad_s = max(float(np.quantile(np.abs(rate), 0.98)), float(np.max(np.abs(prediction.yaw_rate_rad_s))))
+        half_range = 1.3 * max_rate_rad_s * degrees
+        if np.isfinite(half_range) and half_range > 0.0:
+            axes[2].set_ylim(-half_range, half_range)
     axes[2].plot(time_s, prediction.yaw_rate_rad_s * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
-    rudder = prediction.stretch.rudder_rad * (degrees if angular else 1.0)
+    rudder = prediction.stretch.rudder_rad * (degrees if is_angle else 1.0)
     axes[3].plot(time_s, rudder, color=RUDDER, lw=1.0, label=label("rudder"))
-    if first:
+    if with_labels:
         for panel, text in zip(
             axes,
             (
                 "heading from start, deg",
                 "heading error, deg",
                 "yaw rate, deg/s",
-                "rudder, deg" if angular else "command",
+                "rudder, deg" if is_angle else "command",
             ),
             strict=True,
         ):
@@ -113,12 +113,12 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -
                 )
 
 
-def _thinned(prediction: Prediction) -> Prediction:
+def _thin(prediction: Prediction) -> Prediction:
     """Remove rows that a plot cannot resolve."""
     every = max(1, prediction.stretch.time_s.size // MAX_POINTS)
     if every == 1:
         return prediction
 
-    chosen = slice(None, None, every)
-    stretch = prediction.stretch.rows(chosen)
-    return Prediction(stretch, prediction.heading_rad[chosen], prediction.yaw_rate_rad_s[chosen])
+    selected = slice(None, None, every)
+    stretch = prediction.stretch.rows(selected)
+    return Prediction(stretch, prediction.heading_rad[selected], prediction.yaw_rate_rad_s[selected])

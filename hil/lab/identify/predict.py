@@ -1,4 +1,4 @@
-"""Predictions of the model from the rudder alone, and their errors."""
+"""Predict the motion from the rudder alone, and compute the errors of the prediction."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hil.lab.identify.fit import Fit
 from hil.lab.identify.recording import MIN_ROWS, Floats
 from hil.lab.identify.stretches import Columns, Data, Stretch
 
-START_LAGS = 3.0  # turning lags at the start of a stretch that determine its first heading and yaw rate
+START_LAGS = 3.0  # duration, in turning lags, over which the first heading and yaw rate of a stretch are fitted
 START_STEP_RAD_S = 1e-5
 START_ITERATIONS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """One stretch, measured and predicted."""
+    """A stretch with the predicted heading and yaw rate."""
 
     stretch: Stretch
     heading_rad: Floats
@@ -34,27 +34,33 @@ class Errors:
     yaw_rate_rmse_rad_s: float | None
     heading_rmse_rad: float | None
     heading_mean_rad: float | None
-    heading_within_rad: float | None  # 95 % of the errors
+    heading_95_rad: float | None  # 95 % of the errors
     explained: float  # share (R2) of the turns within each T
     predictions: tuple[Prediction, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def errors_of(file: str, fit: Fit, data: Data) -> Errors:
-    """Predict every stretch from its rudder; only its first heading and yaw rate are fitted to its start."""
-    predictions = tuple(_predicted(fit, data, stretch) for stretch in data.stretches)
-    headings = [one.stretch.heading_rad - one.heading_rad for one in predictions if one.stretch.heading_rad is not None]
-    rates = [
-        one.stretch.yaw_rate_rad_s - one.yaw_rate_rad_s for one in predictions if one.stretch.yaw_rate_rad_s is not None
+    """Predict every stretch from its rudder and compute the errors; the initial state is fitted to the start."""
+    predictions = tuple(_predict(fit, data, stretch) for stretch in data.stretches)
+    headings = [
+        prediction.stretch.heading_rad - prediction.heading_rad
+        for prediction in predictions
+        if prediction.stretch.heading_rad is not None
     ]
-    heading, rate = (np.concatenate(parts) if parts else None for parts in (headings, rates))
+    rates = [
+        prediction.stretch.yaw_rate_rad_s - prediction.yaw_rate_rad_s
+        for prediction in predictions
+        if prediction.stretch.yaw_rate_rad_s is not None
+    ]
+    heading, rate = (np.concatenate(series) if series else None for series in (headings, rates))
     return Errors(
         file,
         None if rate is None else _rms(rate),
         None if heading is None else _rms(heading),
         None if heading is None else float(np.mean(heading)),
         None if heading is None else float(np.quantile(np.abs(heading), 0.95)),
-        _explained(predictions, math.exp(fit.values[LN_T])),
+        _explained_fraction(predictions, math.exp(fit.values[LN_T])),
         predictions,
         data.warnings,
     )
@@ -64,44 +70,50 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _predicted(fit: Fit, data: Data, stretch: Stretch) -> Prediction:
+def _predict(fit: Fit, data: Data, stretch: Stretch) -> Prediction:
     columns = Columns(Data((stretch,), data.speed_m_s))
     until_s = stretch.time_s[0] + START_LAGS * math.exp(fit.values[LN_T])
     rows = slice(0, max(int(np.searchsorted(stretch.time_s, until_s)), MIN_ROWS))
     rate = 0.0 if stretch.yaw_rate_rad_s is None else float(np.median(stretch.yaw_rate_rad_s[:MIN_ROWS]))
     channel = 0 if stretch.yaw_rate_rad_s is None else 1
-    measured = stretch.measured(headings=channel == 0)
+    measured = stretch.measured(use_headings=channel == 0)
     for _ in range(START_ITERATIONS):
-        found = _simulated(fit.values, fit.sign, columns, rate)[channel, rows]
-        moved = _simulated(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - found
-        constant = np.full(found.size, 1.0 - channel)
-        step, *_ = np.linalg.lstsq(np.column_stack((moved, constant)), measured[rows] - found, rcond=1e-9)
+        rates_ = _simulate(fit.values, fit.sign, columns, rate)[channel, rows]
+        rate_slope = _simulate(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - rates_
+        constant = np.full(rates_.size, 1.0 - channel)
+        step, *_ = np.linalg.lstsq(np.column_stack((rate_slope, constant)), measured[rows] - rates_, rcond=1e-9)
         rate += START_STEP_RAD_S * float(step[0])
-    heading, yaw_rate = _simulated(fit.values, fit.sign, columns, rate)
-    first = 0.0 if stretch.heading_rad is None else float(np.mean(stretch.heading_rad[rows] - heading[rows]))
-    return Prediction(stretch, heading + first, yaw_rate)
+    heading, yaw_rate = _simulate(fit.values, fit.sign, columns, rate)
+    offset_rad = 0.0 if stretch.heading_rad is None else float(np.mean(stretch.heading_rad[rows] - heading[rows]))
+    return Prediction(stretch, heading + offset_rad, yaw_rate)
 
 
-def _simulated(values: Floats, sign: float, columns: Columns, rate_rad_s: float) -> Floats:
+def _simulate(values: Floats, sign: float, columns: Columns, rate_rad_s: float) -> Floats:
     out = np.empty((2, columns.step_s.size))
     rudder = columns.rudder_rad(float(values[DELAY]), float(values[LAG]))
     simulate(
-        model_of(values, sign), np.array([rate_rad_s]), columns.step_s, columns.first, rudder, columns.speed_ratio, out
+        model_of(values, sign),
+        np.array([rate_rad_s]),
+        columns.step_s,
+        columns.is_first,
+        rudder,
+        columns.speed_ratio,
+        out,
     )
     return out
 
 
-def _explained(predictions: tuple[Prediction, ...], lag_s: float) -> float:
-    """Return the explained share (R2) of the turns within each T, or within each row if that is longer."""
+def _explained_fraction(predictions: tuple[Prediction, ...], lag_s: float) -> float:
+    """Return the explained fraction (R2) of the heading changes within each T, or each row if that is longer."""
     pairs = []
-    for one in predictions:
-        heading, rate = one.stretch.heading_rad, one.stretch.yaw_rate_rad_s
-        every = max(1, round(lag_s / float(np.median(np.diff(one.stretch.time_s)))))
-        every = min(every, max(1, one.heading_rad.size // 4))
+    for prediction in predictions:
+        heading, rate = prediction.stretch.heading_rad, prediction.stretch.yaw_rate_rad_s
+        every = max(1, round(lag_s / float(np.median(np.diff(prediction.stretch.time_s)))))
+        every = min(every, max(1, prediction.heading_rad.size // 4))
         if heading is not None:
-            pairs.append((np.diff(heading[::every]), np.diff(one.heading_rad[::every])))
+            pairs.append((np.diff(heading[::every]), np.diff(prediction.heading_rad[::every])))
         elif rate is not None:
-            pairs.append((rate, one.yaw_rate_rad_s))
-    measured, modelled = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-    power = float(np.var(measured))
-    return 1.0 - float(np.var(measured - modelled)) / power if power > 0.0 else 0.0
+            pairs.append((rate, prediction.yaw_rate_rad_s))
+    measured, predicted = (np.concatenate(series) for series in zip(*pairs, strict=True))
+    variance = float(np.var(measured))
+    return 1.0 - float(np.var(measured - predicted)) / variance if variance > 0.0 else 0.0

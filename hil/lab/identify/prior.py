@@ -1,4 +1,4 @@
-"""Prior of the unknowns: wide, so that it matters only where the log contains little information.
+"""Prior density of the unknowns; it is wide, so that it matters only if the log contains little information.
 
 By similarity (paper eq. 7) the products K T = K'T' and alpha K^2 = alpha' K'^2 do not depend on a boat's length and
 speed. Published hulls:
@@ -36,95 +36,95 @@ from hil.lab.identify.filter import (
     LN_T,
     OFFSET,
     PERIOD,
-    UNKNOWNS,
+    UNKNOWN_COUNT,
     WALK,
     WAVE,
 )
 from hil.lab.identify.recording import Floats
 
-ALPHA_SCALE = 0.5  # of alpha K^2
-DELAY_SHARE, LAG_SHARE = 0.3, 0.2  # standard deviations relative to T; the delay has one row in addition
-# The rudder bias changes slowly: within T, or ten rows, by at most this share of the rudder's spread. Otherwise a bias
+ALPHA_SCALE = 0.5  # limit of alpha K^2 up to which its density is constant
+DELAY_SD, LAG_SD = 0.3, 0.2  # standard deviations relative to T; that of the delay is one row larger
+# Within T, or ten rows, the rudder bias changes by at most this fraction of the rudder's spread. Otherwise a bias
 # that follows every model error would give the best prediction of the next row.
-WALK_SHARE, SLOW_ROWS = 0.02, 10.0
-DEGREE = radians(1.0)
+MAX_WALK, MIN_WALK_ROWS = 0.02, 10.0
+_DEG = radians(1.0)
 _ANY = 1e9
 LOW = np.array([
-    -9.0, -4.5, 0.0, -0.6, -_ANY, 0.0, -1.0, 2.0 * math.log(0.003 * DEGREE), math.log(0.01 * DEGREE), math.log(0.3),
-    math.log(0.04), math.log(0.005 * DEGREE), math.log(0.001 * DEGREE), math.log(0.001 * DEGREE),
+    -9.0, -4.5, 0.0, -0.6, -_ANY, 0.0, -1.0, 2.0 * math.log(0.003 * _DEG), math.log(0.01 * _DEG), math.log(0.3),
+    math.log(0.04), math.log(0.005 * _DEG), math.log(0.001 * _DEG), math.log(0.001 * _DEG),
 ])  # fmt: skip
 HIGH = np.array([
-    3.5, 7.5, _ANY, 0.6, _ANY, _ANY, 2.0, 2.0 * math.log(14.0 * DEGREE), math.log(40.0 * DEGREE), math.log(25.0),
-    math.log(0.8), math.log(5.0 * DEGREE), math.log(6.0 * DEGREE), math.log(20.0 * DEGREE),
+    3.5, 7.5, _ANY, 0.6, _ANY, _ANY, 2.0, 2.0 * math.log(14.0 * _DEG), math.log(40.0 * _DEG), math.log(25.0),
+    math.log(0.8), math.log(5.0 * _DEG), math.log(6.0 * _DEG), math.log(20.0 * _DEG),
 ])  # fmt: skip
-MIDDLE_LAG_S = 5.0
-# unknown -> middle, standard deviation
-SINGLE = {
-    LN_T: (math.log(MIDDLE_LAG_S), 2.0),
+MEAN_LAG_S = 5.0
+# unknown -> mean, standard deviation
+MEANS_AND_SDS = {
+    LN_T: (math.log(MEAN_LAG_S), 2.0),
     OFFSET: (0.0, 0.15),
     EXPONENT: (1.0, 0.3),
-    DIFFUSION: (2.0 * math.log(DEGREE), 2.5),
-    WAVE: (math.log(DEGREE), 1.5),
+    DIFFUSION: (2.0 * math.log(_DEG), 2.5),
+    WAVE: (math.log(_DEG), 1.5),
     PERIOD: (math.log(2.8), 0.7),
     DAMPING: (math.log(0.2), 0.6),
-    COMPASS: (math.log(0.1 * DEGREE), 1.0),
-    WALK: (math.log(0.03 * DEGREE), 1.2),
-    GYRO: (math.log(0.1 * DEGREE), 1.5),
+    COMPASS: (math.log(0.1 * _DEG), 1.0),
+    WALK: (math.log(0.03 * _DEG), 1.2),
+    GYRO: (math.log(0.1 * _DEG), 1.5),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Normal except for alpha: sum of squares of weights v - middles; and the bounds of the unknowns v."""
+    """Normal density of weights @ v - means, except for alpha; low and high bound the unknowns v."""
 
     weights: Floats
-    middles: Floats
+    means: Floats
     low: Floats
     high: Floats
-    constant: float  # of the cost, to compare priors with different T
+    constant: float  # added to the cost, so that priors for different T can be compared
 
     @classmethod
     def of(cls, lag_s: float, row_s: float, rudder_spread_rad: float) -> Prior:
-        """Return the prior; `lag_s` is about T and scales delay, lag and bias walk."""
-        single = SINGLE | {DELAY: (0.0, row_s + DELAY_SHARE * lag_s), LAG: (0.0, LAG_SHARE * lag_s)}
-        weights, middles = np.zeros((len(single) + 1, UNKNOWNS)), np.zeros(len(single) + 1)
-        for row, (place, (middle, spread)) in enumerate(single.items()):
-            weights[row, place], middles[row] = 1.0 / spread, middle / spread
+        """Return the prior; `lag_s` is a value near T that scales delay, lag and bias walk."""
+        means_and_sds = MEANS_AND_SDS | {DELAY: (0.0, row_s + DELAY_SD * lag_s), LAG: (0.0, LAG_SD * lag_s)}
+        weights, means = np.zeros((len(means_and_sds) + 1, UNKNOWN_COUNT)), np.zeros(len(means_and_sds) + 1)
+        for row, (index, (mean, sd)) in enumerate(means_and_sds.items()):
+            weights[row, index], means[row] = 1.0 / sd, mean / sd
         weights[-1, LN_K] = weights[-1, LN_T] = 0.5
         low, high = LOW.copy(), HIGH.copy()
         low[DELAY], high[DELAY], high[LAG] = -row_s, row_s + 3.0 * lag_s, lag_s
-        slow_s = max(lag_s, SLOW_ROWS * row_s)
-        high[WALK] = max(math.log(WALK_SHARE * rudder_spread_rad / math.sqrt(slow_s)), low[WALK] + 0.1)
-        constant = sum(math.log(single[place][1]) for place in (DELAY, LAG))
-        return cls(weights, middles, low, high, constant)
+        walk_time_s = max(lag_s, MIN_WALK_ROWS * row_s)
+        high[WALK] = max(math.log(MAX_WALK * rudder_spread_rad / math.sqrt(walk_time_s)), low[WALK] + 0.1)
+        constant = sum(math.log(means_and_sds[index][1]) for index in (DELAY, LAG))
+        return cls(weights, means, low, high, constant)
 
     def start(self, gain_1_s: float, lag_s: float) -> Floats:
         """Return the mean of the prior, except for K and T."""
-        values = np.zeros(UNKNOWNS)
-        for place, (middle, _) in SINGLE.items():
-            values[place] = middle
+        values = np.zeros(UNKNOWN_COUNT)
+        for index, (mean, _) in MEANS_AND_SDS.items():
+            values[index] = mean
         values[LN_K], values[LN_T] = math.log(gain_1_s), math.log(lag_s)
         return np.clip(values, self.low, self.high)
 
     def residuals(self, values: Floats) -> Floats:
-        """Return residuals (weights + 1,): the cost is half the sum of their squares, plus the constant."""
-        return np.append(self.weights @ values - self.middles, math.sqrt(math.log1p(_cubic(values) ** 2)))
+        """Return the residuals, one more than weights; the cost is half the sum of their squares plus the constant."""
+        return np.append(self.weights @ values - self.means, math.sqrt(math.log1p(_scaled_cubic(values) ** 2)))
 
     def cost(self, values: Floats) -> float:
         """Return minus the logarithm of the density."""
-        off = self.residuals(values)
-        return 0.5 * float(off @ off) + self.constant
+        residuals = self.residuals(values)
+        return 0.5 * float(residuals @ residuals) + self.constant
 
     def derivatives(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return gradient and curvature of the cost."""
-        cubic = _cubic(values)
-        slope = np.zeros(UNKNOWNS)
-        slope[ALPHA], slope[LN_K] = math.exp(2.0 * values[LN_K]) / ALPHA_SCALE, 2.0 * cubic
-        weight = 1.0 / (1.0 + cubic * cubic)
-        gradient = self.weights.T @ (self.weights @ values - self.middles) + weight * cubic * slope
+        """Return gradient and curvature (Gauss-Newton) of the cost."""
+        scaled_cubic = _scaled_cubic(values)
+        slope = np.zeros(UNKNOWN_COUNT)
+        slope[ALPHA], slope[LN_K] = math.exp(2.0 * values[LN_K]) / ALPHA_SCALE, 2.0 * scaled_cubic
+        weight = 1.0 / (1.0 + scaled_cubic * scaled_cubic)
+        gradient = self.weights.T @ (self.weights @ values - self.means) + weight * scaled_cubic * slope
         return gradient, self.weights.T @ self.weights + weight * np.outer(slope, slope)
 
 
-def _cubic(values: Floats) -> float:
-    """Return alpha K^2 in its scale."""
+def _scaled_cubic(values: Floats) -> float:
+    """Return alpha K^2 / ALPHA_SCALE."""
     return float(values[ALPHA]) * math.exp(2.0 * float(values[LN_K])) / ALPHA_SCALE

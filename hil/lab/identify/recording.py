@@ -1,4 +1,4 @@
-"""A recording: time, rudder and motion."""
+"""A recording of time, rudder and motion, and the selection of a part of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RANGE = re.compile(r"^(?P<path>.+?):(?P<low>[^:/\\]*):(?P<high>[^:/\\]*)$")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file and the part of it to use, in seconds of its time column; None is its start or end."""
+    """A file and the times of the part to use, in seconds of its time column; None means its start or end."""
 
     path: Path
     low_s: float | None = None
@@ -29,16 +29,16 @@ class Source:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Read FILE or FILE:from:to, or raise UsageError; the name of an existing file is not split."""
-        found = None if Path(text).exists() else _RANGE.match(text)
-        if found is None:
+        match = None if Path(text).exists() else _RANGE.match(text)
+        if match is None:
             return cls(Path(text))
-        low, high = (_seconds(found[name], text) for name in ("low", "high"))
+        low, high = (_seconds(match[name], text) for name in ("low", "high"))
         if low is not None and high is not None and not low < high:
             raise UsageError(f"{text}: empty range from {low:g} to {high:g} s; give FILE:from:to with from < to")
-        return cls(Path(found["path"]), low, high)
+        return cls(Path(match["path"]), low, high)
 
     def __str__(self) -> str:
-        """Return the text as on the command line."""
+        """Return the source as it is written on the command line."""
         if self.low_s is None and self.high_s is None:
             return str(self.path)
         low, high = ("" if value is None else f"{value:g}" for value in (self.low_s, self.high_s))
@@ -47,10 +47,10 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The columns of a file, finite and of equal length, with increasing times.
+    """The columns of a file: finite, of equal length, with increasing times.
 
     The heading is clockwise and need not be unwrapped; heading, yaw rate or speed is None if the file does not have it.
-    `notes` are changes of the data, `warnings` are doubts, for the report.
+    The report prints `notes`, on changes of the data, and `warnings`, on doubts.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Recording:
         )
 
 
-def _seconds(text: str, whole: str) -> float | None:
+def _seconds(text: str, source_text: str) -> float | None:
     if not text.strip():
         return None
     try:
@@ -99,5 +99,5 @@ def _seconds(text: str, whole: str) -> float | None:
     except ValueError:
         seconds = np.nan
     if not np.isfinite(seconds):
-        raise UsageError(f"{whole}: {text!r} is not a number of seconds; give FILE:from:to, or only FILE")
+        raise UsageError(f"{source_text}: {text!r} is not a number of seconds; give FILE:from:to, or only FILE")
     return seconds

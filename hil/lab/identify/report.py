@@ -17,12 +17,12 @@ from hil.lab.identify.predict import Errors
 from hil.lab.identify.verdict import IDENTIFIABLE, MAX_NUMBER, Estimate
 
 UNITS = {"K": "1/s", "T": "s", "alpha": "s^2", "delta0": "deg"}
-MAX_TRIM_DEG = 20.0
+MAX_TRIM_DEG = 20.0  # a larger delta0 is not proposed as CTL_TRIM_DEG
 
 
 def as_json(result: Identification, seconds: float) -> str:
     """Return the result as JSON."""
-    found, judgement, v = result.fit, result.judgement, result.fit.values
+    fit, judgement, v = result.fit, result.judgement, result.fit.values
     data: dict[str, Any] = {
         "model": result.name,
         **{name: _estimate(estimate) for name, estimate in judgement.estimates.items()},
@@ -34,19 +34,19 @@ def as_json(result: Identification, seconds: float) -> str:
             "wave_yaw_deg": degrees(math.exp(v[WAVE])),
             "wave_period_s": math.exp(v[PERIOD]),
             "wave_damping": math.exp(v[DAMPING]),
-            "compass_noise_deg": degrees(math.exp(v[COMPASS])) if COMPASS in found.free else None,
-            "yaw_rate_noise_deg_s": degrees(math.exp(v[GYRO])) if GYRO in found.free else None,
+            "compass_noise_deg": degrees(math.exp(v[COMPASS])) if COMPASS in fit.free else None,
+            "yaw_rate_noise_deg_s": degrees(math.exp(v[GYRO])) if GYRO in fit.free else None,
             "bias_walk_deg_sqrt_s": degrees(math.exp(v[WALK])),
         },
         "train": _errors(result.train),
-        "validate": [{"file": part.file, **_errors(part)} for part in result.validate],
-        "evaluations": found.evaluations,
+        "validate": [{"file": errors.file, **_errors(errors)} for errors in result.validate],
+        "evaluations": fit.evaluations,
         "seconds": seconds,
         "rows": result.data.rows,
         "stretches": len(result.data.stretches),
-        "outliers": found.outliers,
+        "outliers": fit.outliers,
         "explained": result.train.explained,
-        "log_likelihood_gain": found.gain,
+        "log_likelihood_gain": fit.gain,
         "suggestion": suggestion(result),
         "warnings": _warnings(result),
         "notes": list(result.data.notes),
@@ -60,27 +60,27 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "se": estimate.se,
         "interval": [estimate.low, estimate.high],
         "verdict": estimate.verdict,
-        "why": estimate.why,
+        "why": estimate.reason,
     }
 
 
-def _errors(part: Errors) -> dict[str, float | None]:
+def _errors(errors: Errors) -> dict[str, float | None]:
     return {
-        "yaw_rate_rmse_rad_s": part.yaw_rate_rmse_rad_s,
-        "heading_rmse_rad": part.heading_rmse_rad,
-        "heading_mean_rad": part.heading_mean_rad,
-        "heading_within_95_rad": part.heading_within_rad,
+        "yaw_rate_rmse_rad_s": errors.yaw_rate_rmse_rad_s,
+        "heading_rmse_rad": errors.heading_rmse_rad,
+        "heading_mean_rad": errors.heading_mean_rad,
+        "heading_within_95_rad": errors.heading_95_rad,
     }
 
 
 def _warnings(result: Identification) -> list[str]:
-    return [*result.judgement.warnings, *(text for part in result.validate for text in part.warnings)]
+    return [*result.judgement.warnings, *(text for errors in result.validate for text in errors.warnings)]
 
 
 def suggestion(result: Identification) -> str | None:
-    """Return the manoeuvre that identifies the remaining parameters, None if all are identified."""
+    """Return the manoeuvre that would identify the other parameters, None if all are identified."""
     estimates = result.judgement.estimates
-    if not result.judgement.usable:
+    if not result.judgement.is_usable:
         return (
             "record a zigzag for 10 minutes: 20 deg of rudder to alternate sides, each until the heading has changed "
             "by 20 deg; if that does not help, check that the rudder column is the real rudder"
@@ -94,9 +94,9 @@ def suggestion(result: Identification) -> str | None:
     return None
 
 
-def as_text(result: Identification, *, angular: bool = True) -> str:
-    """Return the report for the terminal; angular: the rudder column is an angle."""
-    lines = [*_header(result), "", *_table(result, angular=angular), "", *_model(result), *_predictions(result)]
+def as_text(result: Identification, *, is_angle: bool = True) -> str:
+    """Return the report for the terminal; is_angle: the rudder column is an angle."""
+    lines = [*_header(result), "", *_table(result, is_angle=is_angle), "", *_model(result), *_predictions(result)]
     text = suggestion(result)
     if text is not None:
         lines += ["", f"suggestion: {text}"]
@@ -112,10 +112,10 @@ def _header(result: Identification) -> list[str]:
     return [f"{data.rows} rows, {data.duration_s:.0f} s in {len(data.stretches)} stretch(es){outliers}{speed}"]
 
 
-def _table(result: Identification, *, angular: bool) -> list[str]:
+def _table(result: Identification, *, is_angle: bool) -> list[str]:
     rows = [("", "value", "95 % interval", "", "verdict")]
     for name, estimate in result.judgement.estimates.items():
-        rows.append((name, *figures(name, estimate, angular=angular), f"{estimate.verdict}; {estimate.why}"))
+        rows.append((name, *figures(name, estimate, is_angle=is_angle), f"{estimate.verdict}; {estimate.reason}"))
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     return [
         "  ".join(
@@ -125,19 +125,19 @@ def _table(result: Identification, *, angular: bool) -> list[str]:
     ]
 
 
-def figures(name: str, estimate: Estimate, *, angular: bool) -> tuple[str, str, str]:
-    """Return value, interval and unit as texts; angular: the rudder column is an angle."""
-    unit = UNITS[name] if angular or name in ("T", "alpha") else ""
-    size = degrees(1.0) if name == "delta0" and angular else 1.0
-    value, low, high = (size * number for number in (estimate.value, estimate.low, estimate.high))
+def figures(name: str, estimate: Estimate, *, is_angle: bool) -> tuple[str, str, str]:
+    """Return value, interval and unit as texts; is_angle: the rudder column is an angle."""
+    unit = UNITS[name] if is_angle or name in ("T", "alpha") else ""
+    scale = degrees(1.0) if name == "delta0" and is_angle else 1.0
+    value, low, high = (scale * number for number in (estimate.value, estimate.low, estimate.high))
     return f"{value:.5g}", f"{low:.4g} to {high:.4g}" if high < MAX_NUMBER else "unknown", unit
 
 
 def _model(result: Identification) -> list[str]:
-    v, found = result.fit.values, result.fit
+    v, fit = result.fit.values, result.fit
     noise = (
         f"compass noise {degrees(math.exp(v[COMPASS])):.2g} deg"
-        if COMPASS in found.free
+        if COMPASS in fit.free
         else f"yaw rate noise {degrees(math.exp(v[GYRO])):.2g} deg/s"
     )
     lines = [
@@ -147,10 +147,10 @@ def _model(result: Identification) -> list[str]:
             f"{degrees(math.exp(v[WAVE])):.2g} deg with a period of {math.exp(v[PERIOD]):.2g} s, {noise}"
         ),
     ]
-    if EXPONENT in found.free:
+    if EXPONENT in fit.free:
         lines.append(
             f"speed: K, 1/T and 1/sqrt(alpha) vary with the speed to the power {v[EXPONENT]:.2g} (similarity: 1), "
-            f"+-{1.96 * found.spread(EXPONENT):.2g}"
+            f"+-{1.96 * fit.spread(EXPONENT):.2g}"
         )
     explained = 100.0 * max(result.train.explained, 0.0)
     lines.append(f"explained by the rudder alone: {explained:.0f} % of the turns within each T (R2)")
@@ -159,21 +159,21 @@ def _model(result: Identification) -> list[str]:
 
 def _predictions(result: Identification) -> list[str]:
     lines = []
-    for part in (result.train, *result.validate):
-        parts = []
-        if part.yaw_rate_rmse_rad_s is not None:
-            parts.append(f"yaw rate rms {degrees(part.yaw_rate_rmse_rad_s):.4g} deg/s")
+    for errors in (result.train, *result.validate):
+        texts = []
+        if errors.yaw_rate_rmse_rad_s is not None:
+            texts.append(f"yaw rate rms {degrees(errors.yaw_rate_rmse_rad_s):.4g} deg/s")
         if (
-            part.heading_rmse_rad is not None
-            and part.heading_mean_rad is not None
-            and part.heading_within_rad is not None
+            errors.heading_rmse_rad is not None
+            and errors.heading_mean_rad is not None
+            and errors.heading_95_rad is not None
         ):
-            parts.append(
-                f"heading mean {degrees(part.heading_mean_rad):+.2g}, rms {degrees(part.heading_rmse_rad):.3g}, "
-                f"95 % within {degrees(part.heading_within_rad):.3g} deg"
+            texts.append(
+                f"heading mean {degrees(errors.heading_mean_rad):+.2g}, rms {degrees(errors.heading_rmse_rad):.3g}, "
+                f"95 % within {degrees(errors.heading_95_rad):.3g} deg"
             )
-        name = "errors on the training data" if part is result.train else f"prediction of {part.file}"
-        lines.append(f"{name}: " + "; ".join(parts))
+        name = "errors on the training data" if errors is result.train else f"prediction of {errors.file}"
+        lines.append(f"{name}: " + "; ".join(texts))
     return lines
 
 
@@ -184,7 +184,7 @@ def as_parameters(result: Identification, unit: str) -> str:
             "no parameter file: K is per unit of a command that is not an angle; give the rudder in radians"
         )
     estimates = result.judgement.estimates
-    if not result.judgement.usable:
+    if not result.judgement.is_usable:
         raise UsageError("no parameter file: the log shows no effect of the rudder")
     if estimates["K"].value <= 0.0:
         raise UsageError("no parameter file: K is negative; invert the sign of the rudder column")
@@ -200,7 +200,7 @@ def as_parameters(result: Identification, unit: str) -> str:
     if estimates["delta0"].verdict == IDENTIFIABLE and abs(trim_deg) <= MAX_TRIM_DEG:
         values["CTL_TRIM_DEG"] = trim_deg
     lines = [f"# Identified by rambler-hil identify, {result.name} model."]
-    lines += [f"# {name}: {estimate.verdict}; {estimate.why}" for name, estimate in estimates.items()]
+    lines += [f"# {name}: {estimate.verdict}; {estimate.reason}" for name, estimate in estimates.items()]
     if result.data.speed_m_s is None:
         lines.append("# The logs contain no speed: set MDL_SPEED.")
     try:

@@ -9,18 +9,18 @@ from itertools import pairwise
 import numpy as np
 
 from hil.errors import UsageError
-from hil.lab.identify.filter import lagged
-from hil.lab.identify.mend import once, with_agreeing_rate, without_speed_noise, without_standstill
+from hil.lab.identify.filter import apply_lag
+from hil.lab.identify.mend import remove_disagreeing_rate, remove_frozen_rows, remove_repetitions, smooth_speed_noise
 from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
 
-GAP_ROWS = 10.0  # median intervals; in a longer gap the rudder is unknown
-JUMP_ROWS, ROWS_PER_JUMP = 2.5, 200  # a jump of this length in an otherwise even log: the clock was set
-SPEED_RATIO_RANGE = (0.2, 5.0)  # limits of similarity
+MAX_GAP_ROWS = 10.0  # median intervals; in a longer gap the rudder is unknown
+MIN_JUMP_ROWS, MIN_ROWS_PER_JUMP = 2.5, 200  # rare intervals above this many median intervals: the clock was set
+SPEED_RATIO_RANGE = (0.2, 5.0)  # outside it, similarity is not assumed
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Rows without a gap. The heading is relative to the first row; speed_ratio is U / U0."""
+    """Consecutive rows without a gap. The heading is relative to the first row; speed_ratio is U / U0."""
 
     name: str
     time_s: Floats
@@ -29,9 +29,9 @@ class Stretch:
     yaw_rate_rad_s: Floats | None
     speed_ratio: Floats
 
-    def measured(self, *, headings: bool) -> Floats:
+    def measured(self, *, use_headings: bool) -> Floats:
         """Return the headings, or the yaw rates."""
-        values = self.heading_rad if headings else self.yaw_rate_rad_s
+        values = self.heading_rad if use_headings else self.yaw_rate_rad_s
         if values is None:
             raise ValueError("a stretch without that column")
         return values
@@ -50,7 +50,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """The stretches, and the speed U0 of the model; None if a file has no speed."""
+    """All stretches, and the speed U0 for which the model is valid; None if a file has no speed."""
 
     stretches: tuple[Stretch, ...]
     speed_m_s: float | None
@@ -63,8 +63,8 @@ class Data:
         return sum(stretch.time_s.size for stretch in self.stretches)
 
     @property
-    def usual_step_s(self) -> float:
-        """Return the median interval."""
+    def median_step_s(self) -> float:
+        """Return the median interval of the rows."""
         return float(np.median(np.concatenate([np.diff(stretch.time_s) for stretch in self.stretches])))
 
     @property
@@ -79,17 +79,17 @@ class Data:
 
 
 class Columns:
-    """The rows of all stretches, averaged in groups; the rudder keeps its resolution."""
+    """The rows of all stretches, averaged in groups; the rudder is not averaged."""
 
     def __init__(self, data: Data, every: int = 1) -> None:
         """Average groups of `every` rows."""
-        self.headings = all(stretch.heading_rad is not None for stretch in data.stretches)
-        parts = [_averaged(stretch, every, headings=self.headings) for stretch in data.stretches]
-        self.times = [times for times, _, _ in parts]
-        self.measured = np.concatenate([measured for _, measured, _ in parts])
-        self.speed_ratio = np.concatenate([ratio for _, _, ratio in parts])
+        self.uses_headings = all(stretch.heading_rad is not None for stretch in data.stretches)
+        slices = [_average(stretch, every, use_headings=self.uses_headings) for stretch in data.stretches]
+        self.times = [times for times, _, _ in slices]
+        self.measured = np.concatenate([measured for _, measured, _ in slices])
+        self.speed_ratio = np.concatenate([ratio for _, _, ratio in slices])
         self.step_s = np.concatenate([np.diff(times, prepend=times[0]) for times in self.times])
-        self.first = np.concatenate([np.arange(times.size) == 0 for times in self.times])
+        self.is_first = np.concatenate([np.arange(times.size) == 0 for times in self.times])
         self._rudders = [_Integral(stretch.time_s, stretch.rudder_rad) for stretch in data.stretches]
 
     def rudder_rad(self, delay_s: float, lag_s: float) -> Floats:
@@ -100,12 +100,12 @@ class Columns:
         if lag_s <= 0.0:
             return mean
         out = np.empty_like(mean)
-        lagged(mean, self.step_s, self.first, lag_s, out)
+        apply_lag(mean, self.step_s, self.is_first, lag_s, out)
         return out
 
 
 class _Integral:
-    """The integral of a rudder that is linear between rows and constant outside."""
+    """Integral over a rudder angle that is linear between rows and constant before and after them."""
 
     def __init__(self, time_s: Floats, rudder_rad: Floats) -> None:
         steps = np.diff(time_s)
@@ -114,7 +114,7 @@ class _Integral:
         self._area = np.concatenate(([0.0], np.cumsum(0.5 * (rudder_rad[1:] + rudder_rad[:-1]) * steps)))
 
     def means(self, time_s: Floats) -> Floats:
-        """Return the mean over the interval before each time, and the rudder itself at the first time."""
+        """Return the mean over the interval that ends at each time; at the first time, the angle itself."""
         first, last = self._time_s[0], self._time_s[-1]
         row = np.clip(np.searchsorted(self._time_s, time_s, side="right") - 1, 0, self._slope.size - 1)
         inside = np.clip(time_s, first, last) - self._time_s[row]
@@ -124,9 +124,9 @@ class _Integral:
         return np.concatenate(([now], np.diff(area) / np.diff(time_s)))
 
 
-def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, Floats, Floats]:
-    """Return times, headings (or yaw rates) and speed ratios, averaged."""
-    measured = stretch.measured(headings=headings)
+def _average(stretch: Stretch, every: int, *, use_headings: bool) -> tuple[Floats, Floats, Floats]:
+    """Average groups of rows; return times, headings (or yaw rates) and speed ratios."""
+    measured = stretch.measured(use_headings=use_headings)
     every = max(1, min(every, stretch.time_s.size // MIN_ROWS))
     rows = stretch.time_s.size // every
 
@@ -139,14 +139,14 @@ def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, 
 def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, fitted: bool = True) -> Data:
     """Convert recordings to stretches, or raise UsageError.
 
-    speed_m_s: U0, None for the mean speed. fitted: for the fit, not only for a prediction.
+    speed_m_s: U0, None for the mean speed. fitted: the data are for the fit, not only for a prediction.
     """
     warnings = [f"{recording.name}: {text}" for recording in recordings for text in recording.warnings]
     notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
-    recordings = [without_standstill(recording, warnings) for recording in recordings]
-    agreeing = [with_agreeing_rate(recording, warnings) for recording in recordings]
-    recordings = agreeing if fitted else recordings
-    recordings = [without_speed_noise(recording, notes) for recording in once(recordings, notes)]
+    recordings = [remove_frozen_rows(recording, warnings) for recording in recordings]
+    agreeing_recordings = [remove_disagreeing_rate(recording, warnings) for recording in recordings]
+    recordings = agreeing_recordings if fitted else recordings
+    recordings = [smooth_speed_noise(recording, notes) for recording in remove_repetitions(recordings, notes)]
     headings = all(recording.heading_rad is not None for recording in recordings)
     rates = all(recording.yaw_rate_rad_s is not None for recording in recordings)
     if not headings and not rates:
@@ -158,48 +158,50 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, 
         mean = float(np.mean(np.abs(np.concatenate([speed for speed in speeds if speed is not None]))))
         speed_m_s = mean if mean > 1e-3 else None
     stretches = tuple(
-        _stretch(recording, part, speed_m_s) for recording in recordings for part in _between_gaps(recording, notes)
+        _to_stretch(recording, rows_, speed_m_s)
+        for recording in recordings
+        for rows_ in _between_gaps(recording, notes)
     )
     return Data(stretches, speed_m_s, tuple(notes), tuple(warnings))
 
 
 def excerpt(data: Data, rows: int) -> Data:
-    """Return about this number of rows: those of each stretch in which the rudder moves most."""
+    """Return about `rows` rows: of each stretch, those in which the rudder moves most."""
     if data.rows <= rows:
         return data
-    parts = []
+    slices = []
     for stretch in data.stretches:
         length = min(max(round(rows * stretch.time_s.size / data.rows), MIN_ROWS), stretch.time_s.size)
         firsts = np.linspace(0, stretch.time_s.size - length, 20).astype(int).tolist()
         spreads = [float(np.std(stretch.rudder_rad[at : at + length])) for at in firsts]
         first = firsts[int(np.argmax(spreads))]
-        parts.append(stretch.rows(slice(first, first + length)))
-    parts.sort(key=lambda part: -part.time_s.size)
+        slices.append(stretch.rows(slice(first, first + length)))
+    slices.sort(key=lambda rows_: -rows_.time_s.size)
     count = max(1, rows // MIN_ROWS)
-    return replace(data, stretches=tuple(parts[:count]))
+    return replace(data, stretches=tuple(slices[:count]))
 
 
 def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
     steps = np.diff(recording.time_s)
-    usual_s = float(np.median(steps))
-    jumps = steps > JUMP_ROWS * usual_s
-    rare = np.count_nonzero(jumps) * ROWS_PER_JUMP <= steps.size
-    cuts = np.flatnonzero(jumps if rare else steps > GAP_ROWS * usual_s) + 1
-    parts = [slice(low, high) for low, high in pairwise([0, *cuts.tolist(), recording.time_s.size])]
-    kept = [part for part in parts if part.stop - part.start >= MIN_ROWS]
+    usual_interval_s = float(np.median(steps))
+    is_jump = steps > MIN_JUMP_ROWS * usual_interval_s
+    is_rare = np.count_nonzero(is_jump) * MIN_ROWS_PER_JUMP <= steps.size
+    cuts = np.flatnonzero(is_jump if is_rare else steps > MAX_GAP_ROWS * usual_interval_s) + 1
+    slices = [slice(low, high) for low, high in pairwise([0, *cuts.tolist(), recording.time_s.size])]
+    long_parts = [rows_ for rows_ in slices if rows_.stop - rows_.start >= MIN_ROWS]
     if cuts.size:
-        lost = recording.time_s.size - sum(part.stop - part.start for part in kept)
+        lost_rows = recording.time_s.size - sum(rows_.stop - rows_.start for rows_ in long_parts)
         notes.append(
             f"{recording.name}: {cuts.size} gaps; the fit starts again after each"
-            + f", {lost} rows between them ignored" * (lost > 0)
+            + f", {lost_rows} rows between them ignored" * (lost_rows > 0)
         )
-    if not kept:
+    if not long_parts:
         raise UsageError(f"{recording.name}: too short: fewer than {MIN_ROWS} rows without a gap; record without gaps")
-    return kept
+    return long_parts
 
 
-def _stretch(recording: Recording, part: slice, speed_m_s: float | None) -> Stretch:
-    rows = recording.rows(part)
+def _to_stretch(recording: Recording, rows_: slice, speed_m_s: float | None) -> Stretch:
+    rows = recording.rows(rows_)
     heading = rows.heading_rad
     if heading is not None:
         heading = np.unwrap(heading)

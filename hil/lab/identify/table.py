@@ -19,11 +19,11 @@ from hil.lab.identify.recording import Floats
 DAY_S = 86400.0
 EPOCH_UNITS_S = (1e-9, 1e-6, 1e-3)
 EPOCH_RANGE_S = (9e8, 5e9)  # plausible times since 1970: from 1998 to 2128
-MIN_ROWS_PER_TIME = 2  # a clock is coarse if the median number of rows with the same time is at least this
-MINUTE_JUMP = 40.0  # from 59 to 100 at the end of a minute written as hhmmss
+MIN_ROWS_PER_TIME = 2  # a clock is coarse if the median number of rows per time is at least this
+MINUTE_JUMP = 40.0  # step of hhmmss at the end of a minute, from 59 to 100, minus a second
 
 
-def seconds_of(texts: list[str]) -> Floats:
+def parse_times(texts: list[str]) -> Floats:
     """Convert ISO 8601 times or times of the day to seconds since the first time; NaN for other text."""
     try:
         moments = [datetime.fromisoformat(_as_iso(text.strip())) for text in texts]
@@ -31,29 +31,29 @@ def seconds_of(texts: list[str]) -> Floats:
         return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
     except ValueError:
         return _unwrap_midnight(
-            np.array([number_of(text) if ":" not in text else _time_of_day(text) for text in texts])
+            np.array([parse_number(text) if ":" not in text else _time_of_day(text) for text in texts])
         )
 
 
-def seconds_of_nmea(times: Floats) -> Floats | None:
+def parse_nmea_times(times: Floats) -> Floats | None:
     """Return seconds of times of the day written as hhmmss.ss, None if they may be plain seconds.
 
-    Plain seconds have values from 60 to 99 in every hundred; hhmmss has not.
+    Plain seconds have values from 60 to 99 in every hundred; hhmmss does not.
     """
     if not np.all((times >= 0.0) & (times < 240000.0)):
         return None
     minutes = times // 100.0
-    rest = times - 100.0 * minutes
-    clock = (minutes % 100.0 < 60.0) & (rest < 60.0)
-    steps, crossed = np.diff(times), np.diff(minutes) != 0.0
-    if not clock.all() or not crossed.any() or not 0.0 < float(np.median(steps)) < MINUTE_JUMP:
+    seconds = times - 100.0 * minutes
+    is_clock_time = (minutes % 100.0 < 60.0) & (seconds < 60.0)
+    steps, is_next_minute = np.diff(times), np.diff(minutes) != 0.0
+    if not is_clock_time.all() or not is_next_minute.any() or not 0.0 < float(np.median(steps)) < MINUTE_JUMP:
         return None
-    if np.any(np.abs(steps[crossed]) < MINUTE_JUMP):
+    if np.any(np.abs(steps[is_next_minute]) < MINUTE_JUMP):
         return None
-    return _unwrap_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + rest)
+    return _unwrap_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + seconds)
 
 
-def unit_since_1970(times: Floats) -> float:
+def epoch_unit(times: Floats) -> float:
     """Return the unit in seconds of times since 1970 in ms, us or ns; 1 for all other times."""
     first, last = float(times[0]), float(times[-1])
     units = [
@@ -64,7 +64,7 @@ def unit_since_1970(times: Floats) -> float:
     return units[0] if units else 1.0
 
 
-def spread_evenly(times: Floats) -> Floats | None:
+def spread_shared_times(times: Floats) -> Floats | None:
     """Spread the rows that share a coarse time evenly up to the next time.
 
     Returns None if no rows, or only a few, have the same time.
@@ -76,7 +76,7 @@ def spread_evenly(times: Floats) -> Floats | None:
         return None
     spans = np.diff(times[first])
     last = float(np.median(spans / counts[:-1])) * counts[-1]
-    # The first and the last time may have fewer rows, at the end and at the beginning of their interval.
+    # The first time may lack rows at the beginning of its interval, the last time at the end.
     index_in_group = np.arange(times.size) - np.repeat(first, counts)
     interval_s = np.append(spans, last) / counts
     interval_s[0] = min(interval_s[0], last / counts[-1])
@@ -85,7 +85,7 @@ def spread_evenly(times: Floats) -> Floats | None:
     return np.asarray(spread)
 
 
-def number_of(text: str) -> float:
+def parse_number(text: str) -> float:
     """Return a number, NaN for other text."""
     try:
         return float(text)
@@ -132,7 +132,7 @@ COLUMN_LIMITS = {
     "lat_rad": (radians(90.01), "give degrees as lat_deg, north positive, or radians as lat_rad"),
     "lon_rad": (radians(360.01), "give degrees as lon_deg, east positive, or radians as lon_rad"),
 }
-# Columns whose limits are in the unit of the name, and the unit without one.
+# Columns whose limits are in the unit of the column name, and the default unit.
 LIMIT_UNITS = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
 MILLISECOND_S, MIN_MILLISECONDS = 1e-3, 20.0
 MAX_INTERVAL_S = 10.0  # maximum interval of the rows if the time has no unit
@@ -146,25 +146,25 @@ Raw = dict[str, Floats | None]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table: the numbers of its lines, and its columns."""
+    """A table: the line number of each row, and the columns by quantity."""
 
     path: Path
-    numbers: list[int]
-    places: dict[str, Column]
+    line_numbers: list[int]
+    columns: dict[str, Column]
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     detects_milliseconds: bool = True  # whole seconds with large intervals are assumed to be milliseconds
 
     def unit(self, name: str, default: float) -> float:
         """Return the size of a column's unit; `default` if the name has no unit."""
-        return self.places[name].unit if self.places[name].known else default
+        return self.columns[name].unit if self.columns[name].has_unit else default
 
     def column(self, name: str, texts: list[str]) -> Floats | None:
         """Return the numbers of a column, None for an empty column."""
         try:
             values = np.array(texts, dtype=np.float64)
         except ValueError:
-            values = np.array([number_of(text) for text in texts])
+            values = np.array([parse_number(text) for text in texts])
         missing = np.isnan(values)
         if missing.any():
             missing &= np.array([text.strip().lower() in MISSING for text in texts])
@@ -185,33 +185,33 @@ class Table:
         invalid = np.flatnonzero(~(np.abs(values) <= limit) | ~np.isfinite(values))
         if invalid.size == 0:
             return
-        at, label = int(invalid[0]), self.places[name].label
-        where = f"{self.path}:{self.numbers[at]}"
-        text = f"{values[at]:g}" if texts is None else texts[at].strip()
-        more = f" (and {invalid.size - 1} more like it)" if invalid.size > 1 else ""
-        if not np.isfinite(values[at]):
+        first, label = int(invalid[0]), self.columns[name].label
+        where = f"{self.path}:{self.line_numbers[first]}"
+        text = f"{values[first]:g}" if texts is None else texts[first].strip()
+        count_text = f" (and {invalid.size - 1} more like it)" if invalid.size > 1 else ""
+        if not np.isfinite(values[first]):
             problem = f"{text[:30]!r} is not a finite number"
             if name == "time_s":
-                raise UsageError(f"{where}: {label} {text[:30]!r} is not a time{more}; {TIME_REMEDY}")
-            raise UsageError(f"{where}: {label} {problem}{more}; remove the row, or empty an optional column")
-        raise UsageError(f"{where}: {label} {text[:30]} is beyond {limit:g}{more}; {remedy}")
+                raise UsageError(f"{where}: {label} {text[:30]!r} is not a time{count_text}; {TIME_REMEDY}")
+            raise UsageError(f"{where}: {label} {problem}{count_text}; remove the row, or empty an optional column")
+        raise UsageError(f"{where}: {label} {text[:30]} is beyond {limit:g}{count_text}; {remedy}")
 
     def _clock(self, times: Floats, texts: list[str], missing: NDArray[np.bool_]) -> Floats:
         """Return times in seconds; raise UsageError for intervals that are too large for seconds.
 
         `missing` marks the rows without a time; this function also marks the lines below the table.
         """
-        column = self.places["time_s"]
+        column = self.columns["time_s"]
         timed_rows = np.flatnonzero(~missing)
         footer_rows = _count_footer_rows(times, timed_rows, texts)
         missing[timed_rows[timed_rows.size - footer_rows :]] = True
         timed_rows = timed_rows[: timed_rows.size - footer_rows]
         times = times.copy()
         if np.isnan(times[timed_rows]).any():
-            times[timed_rows] = seconds_of([texts[row] for row in timed_rows.tolist()])
+            times[timed_rows] = parse_times([texts[row] for row in timed_rows.tolist()])
             return times
-        seconds = seconds_of_nmea(times[timed_rows])
-        if seconds is not None and column.known:
+        seconds = parse_nmea_times(times[timed_rows])
+        if seconds is not None and column.has_unit:
             raise UsageError(
                 f"{self.path}: {column.label} jumps by 40 at every full minute, so it contains times of the "
                 "day as hhmmss; name the column utc, or give seconds"
@@ -219,14 +219,16 @@ class Table:
         if seconds is not None:
             self.notes.append(f"column {column.label} contains times of the day as hhmmss")
             times[timed_rows] = seconds
-        elif self.detects_milliseconds and column.known and column.unit == 1.0 and _in_milliseconds(times[timed_rows]):
+        elif (
+            self.detects_milliseconds and column.has_unit and column.unit == 1.0 and _in_milliseconds(times[timed_rows])
+        ):
             times *= MILLISECOND_S
             self.warnings.append(
                 f"column {column.label} increases by {float(np.median(np.diff(times[timed_rows]))) / MILLISECOND_S:g} "
                 "from row to row, in whole numbers: milliseconds assumed"
             )
-        elif not column.known:
-            unit = unit_since_1970(times[timed_rows])
+        elif not column.has_unit:
+            unit = epoch_unit(times[timed_rows])
             times *= unit
             if unit != 1.0:
                 self.notes.append(f"column {column.label} counts from 1970 in units of {unit:g} s")
@@ -235,7 +237,7 @@ class Table:
 
     def _check_interval(self, times: Floats) -> None:
         """Raise UsageError for times without unit whose intervals are too large for seconds."""
-        interval, label = float(np.median(np.diff(times))), self.places["time_s"].label
+        interval, label = float(np.median(np.diff(times))), self.columns["time_s"].label
         if interval >= MAX_INTERVAL_S:
             raise UsageError(
                 f"{self.path}: the rows are {interval:g} apart in {label}, which has no unit; name the column time_ms, "

@@ -1,4 +1,4 @@
-"""Comparison with the paper: its value, ours, and a verdict."""
+"""Rows of the comparison with the paper: value of the paper, our value, and verdict."""
 
 from __future__ import annotations
 
@@ -16,15 +16,22 @@ from hil.lab.reproduce.chain import Chain, Voyage
 from hil.lab.reproduce.heading_test import GOAL_S, GOALS_DEG
 from hil.ship import scenarios
 
-MAX_EXCESS = {30.0: 0.085, 90.0: 0.025}  # of the ITAE of 40, 0.3 over the smallest one: about 8 and 2 %
-WITHIN_DEG = {"tank": 3.0, "sea": 8.0}
-PREDICTION_MEAN_DEG, PREDICTION_WITHIN_DEG = 0.6, 10.0
-VISIBLE_OVERSHOOT = 0.03  # relative to the step
+MAX_EXCESS = {
+    30.0: 0.085,
+    90.0: 0.025,
+}  # of the ITAE of 40, 0.3 over the minimum; the paper's figures are about 8 and 2 %
+MAX_ERROR_DEG = {"tank": 3.0, "sea": 8.0}
+MAX_PREDICTION_MEAN_DEG, MAX_PREDICTION_ERROR_DEG = 0.6, 10.0
+MIN_VISIBLE_OVERSHOOT = 0.03  # relative to the step
 RADIUS_M = (20.0, 30.0)
 SEA_SPEEDS_KN = (1.5, 2.1)
 NOT_PRINTED = "not given"
-STANDARD_ERRORS = 3.0
-PRINTED = (("K", "1/s", 0.0005), ("T", "s", 0.5), ("alpha", "s^2", 0.5))  # the last: half of the last printed digit
+MAX_STANDARD_ERRORS = 3.0
+PRINTED = (
+    ("K", "1/s", 0.0005),
+    ("T", "s", 0.5),
+    ("alpha", "s^2", 0.5),
+)  # name, unit, and half of the last printed digit
 
 
 class Verdict(Enum):
@@ -32,14 +39,14 @@ class Verdict(Enum):
 
     MATCHES = "matches"
     MISSES = "MISSES"
-    DIFFERS = "differs"  # for the reason in the note; not a failure
-    SILENT = "silent"  # not in the text of the paper that we have
-    OURS = "ours"  # without a counterpart in the paper
+    DIFFERS = "differs"  # not a failure; the note contains the reason
+    SILENT = "silent"  # the available text of the paper does not contain the value
+    OURS = "ours"  # the paper has no such quantity
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table."""
+    """A row of the table."""
 
     quantity: str
     paper: str
@@ -49,7 +56,7 @@ class Row:
 
 
 def rows(chain: Chain) -> tuple[Row, ...]:
-    """Return the table."""
+    """Return all rows of the table."""
     return (
         *_model_rows(chain),
         *_prediction_rows(chain),
@@ -57,69 +64,69 @@ def rows(chain: Chain) -> tuple[Row, ...]:
         *_gain_rows(chain),
         *(_voyage_row(voyage) for voyage in chain.voyages),
         _sea_speed_row(),
-        *_silence_rows(chain.model),
+        *_silent_rows(chain.model),
     )
 
 
 def all_match(table: tuple[Row, ...]) -> bool:
-    """Return whether no row misses."""
+    """Return whether no row has the verdict MISSES."""
     return all(row.verdict is not Verdict.MISSES for row in table)
 
 
-def _judged(*, good: bool) -> Verdict:
-    return Verdict.MATCHES if good else Verdict.MISSES
+def _match_verdict(*, is_match: bool) -> Verdict:
+    return Verdict.MATCHES if is_match else Verdict.MISSES
 
 
 def _model_rows(chain: Chain) -> list[Row]:
     return [
-        *_estimate_rows("heading control test", chain.test.found),
+        *_estimate_rows("heading control test", chain.test.identification),
         *_estimate_rows("zigzag and circles", chain.open_loop),
     ]
 
 
-def _estimate_rows(source: str, found: Identification) -> list[Row]:
-    """Compare an identified model with the paper's, brought to the paper's speed."""
+def _estimate_rows(source: str, identification: Identification) -> list[Row]:
+    """Compare an identified model with the paper's, at the speed of the paper."""
     rows = []
-    scaled = found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
-    for place, (name, unit, rounding) in enumerate(PRINTED):
-        estimate, true = found.judgement.estimates[name], OCEAN_RAMBLER[place]
-        # By similarity, also for the standard error; an alpha of zero has no ratio.
-        ratio = scaled[place] / estimate.value if estimate.value else 1.0
+    scaled = identification.model().at_speed(OCEAN_RAMBLER.speed_m_s)
+    for index, (name, unit, rounding) in enumerate(PRINTED):
+        estimate, true = identification.judgement.estimates[name], OCEAN_RAMBLER[index]
+        # The standard error is scaled by the same ratio; an alpha of zero has no ratio.
+        ratio = scaled[index] / estimate.value if estimate.value else 1.0
         value, se = estimate.value * ratio, estimate.se * ratio
-        good = abs(value - true) <= max(STANDARD_ERRORS * se, rounding)
-        known = estimate.verdict == IDENTIFIABLE
-        verdict = _judged(good=good) if known or not good else Verdict.DIFFERS
-        note = "" if known else f"{estimate.verdict} from this: {estimate.why}"
+        is_match = abs(value - true) <= max(MAX_STANDARD_ERRORS * se, rounding)
+        is_identifiable = estimate.verdict == IDENTIFIABLE
+        verdict = _match_verdict(is_match=is_match) if is_identifiable or not is_match else Verdict.DIFFERS
+        note = "" if is_identifiable else f"{estimate.verdict} from this: {estimate.reason}"
         rows.append(Row(f"{name}, {source}", f"{true:g} {unit}", f"{value:.4g} +-{se:.2g} {unit}", verdict, note))
     return rows
 
 
 def _prediction_rows(chain: Chain) -> list[Row]:
     error = chain.test.heading_error_deg
-    mean, within = float(np.mean(error)), float(np.mean(np.abs(error) <= PREDICTION_WITHIN_DEG))
+    mean, fraction_within = float(np.mean(error)), float(np.mean(np.abs(error) <= MAX_PREDICTION_ERROR_DEG))
     return [
         Row(
             "mean heading prediction error",
             "-0.6 deg",
             f"{mean:+.2f} deg",
-            _judged(good=abs(mean) <= PREDICTION_MEAN_DEG),
-            f"{chain.effort.held_out_s:g} s of the heading control test that were not used for the model, predicted "
+            _match_verdict(is_match=abs(mean) <= MAX_PREDICTION_MEAN_DEG),
+            f"{chain.effort.validation_s:g} s of the heading control test that were not used for the model, predicted "
             "from the rudder alone",
         ),
         Row(
             "heading prediction error",
             "almost all within +-10 deg",
-            f"{100.0 * within:.1f} % within, largest {float(np.max(np.abs(error))):.1f} deg",
-            _judged(good=within >= 0.95),
+            f"{100.0 * fraction_within:.1f} % within, largest {float(np.max(np.abs(error))):.1f} deg",
+            _match_verdict(is_match=fraction_within >= 0.95),
         ),
     ]
 
 
 def _figure_rows(chain: Chain) -> list[Row]:
-    """Return the counterparts of figures 6 and 7, whose values the text does not give."""
+    """Return the rows for figures 6 and 7, for which the text of the paper contains no numbers."""
     test = chain.test
     rate = test.predicted_rate_deg_s - test.measured_rate_deg_s
-    rudder = (test.held_out.rudder_rad - test.held_out.rudder_command_rad) * DEGREES_PER_RADIAN
+    rudder = (test.validation_truth.rudder_rad - test.validation_truth.rudder_command_rad) * DEGREES_PER_RADIAN
     return [
         Row(
             "yaw rate, predicted minus measured (figure 6)",
@@ -152,7 +159,7 @@ def _gain_rows(chain: Chain) -> list[Row]:
                 f"k1, k2 by ITAE, {study.step_deg:g} deg step",
                 "40, 0.3",
                 f"40, 0.3 is within {100.0 * study.excess:.1f} % of the optimum",
-                _judged(good=study.excess <= MAX_EXCESS[study.step_deg]),
+                _match_verdict(is_match=study.excess <= MAX_EXCESS[study.step_deg]),
                 f"the optimum at {best[0]:.0f}, {best[1]:.2f} is at the limit of 1 <= k1 <= 60: ITAE alone has no "
                 "limit of the gain",
             )
@@ -162,18 +169,18 @@ def _gain_rows(chain: Chain) -> list[Row]:
                 f"overshoot, {study.step_deg:g} deg step",
                 "not visible",
                 f"{100.0 * study.paper_overshoot:.1f} %",
-                _judged(good=study.paper_overshoot <= VISIBLE_OVERSHOOT),
+                _match_verdict(is_match=study.paper_overshoot <= MIN_VISIBLE_OVERSHOOT),
                 "with 40, 0.3, in the model without noise",
             )
         )
     chosen, reference = chain.tuned.chosen, chain.trials.paper
     values = chosen.setting.parameters()
-    named = ", ".join(f"{name} {values[name]:g}" for name in chain.tuned.changed)
+    changed_text = ", ".join(f"{name} {values[name]:g}" for name in chain.tuned.changed_names)
     table.append(
         Row(
             "gains with a weight of rudder travel",
             "-",
-            named,
+            changed_text,
             Verdict.OURS,
             f"error {chosen.error:.2f}, rudder travel {chosen.travel_deg_per_h / reference.travel_deg_per_h:.2f} of "
             "those of 40, 0.3",
@@ -183,14 +190,14 @@ def _gain_rows(chain: Chain) -> list[Row]:
 
 
 def _voyage_row(voyage: Voyage) -> Row:
-    limit_deg = WITHIN_DEG[voyage.scenario]
-    largest_deg = voyage.largest_error_deg
+    limit_deg = MAX_ERROR_DEG[voyage.scenario]
+    largest_deg = voyage.max_error_deg
     travel = np.mean([goal.rudder_travel_deg_per_h for goal in voyage.figures])
     return Row(
         f"steady error, {voyage.scenario}, {voyage.gains} gains",
         f"within +-{limit_deg:g} deg",
         f"largest {largest_deg:.1f}, 95 % within {voyage.p95_error_deg:.1f} deg",
-        _judged(good=largest_deg <= limit_deg),
+        _match_verdict(is_match=largest_deg <= limit_deg),
         f"the real autopilot on ptys; rudder travel {travel:.0f} deg/h",
     )
 
@@ -199,11 +206,15 @@ def _sea_speed_row() -> Row:
     knots = scenarios.find_scenario("sea").speed_m_s * KNOTS_PER_METRE_PER_SECOND
     low, high = SEA_SPEEDS_KN
     return Row(
-        "speed at sea", f"{low:g} to {high:g} kn", f"{knots:.2f} kn", _judged(good=low <= knots <= high), "scenario sea"
+        "speed at sea",
+        f"{low:g} to {high:g} kn",
+        f"{knots:.2f} kn",
+        _match_verdict(is_match=low <= knots <= high),
+        "scenario sea",
     )
 
 
-def _silence_rows(model: KtModel) -> list[Row]:
+def _silent_rows(model: KtModel) -> list[Row]:
     rate = steady_yaw_rate(radians(30.0), model.turning_ability_1_s, model.norrbin_s2)
     radius_m = model.speed_m_s / rate
     return [

@@ -4,11 +4,11 @@ An iteration calls `find_partners` once. Each stage calls `request_points`, eval
 `store_costs`. At the end, `move_fish` moves all fish at once. Differences from the paper:
 
 * Food. The paper's crowding condition Y_c / n_f > kappa * Y_i assumes food Y > 0, and its result changes with a
-  constant that is added to Y. Here the food of a place is the share of the shoal with higher cost: 0 to 1 for any sign
-  and scale of the objective. Everything else only compares values, so any strictly increasing function of the objective
+  constant that is added to Y. Here the food of a position is the fraction of the shoal with higher cost, for any sign
+  and scale of the objective. All other rules only compare values, so any strictly increasing function of the objective
   (J, log J, -1/J) gives the same search.
-* All evaluated points, also tries and centres, go to the bulletin board.
-* In a move toward a place outside the box, each coordinate is limited to the box, because the optimum may be on its
+* The bulletin board includes all evaluated points, also tries and centres.
+* In a move toward a point outside the box, each coordinate is clipped to the box, because the optimum may be on its
   wall. Tries and random moves beyond a wall are mirrored into the box. Otherwise, with wide vision in five dimensions,
   half of them would end on walls.
 """
@@ -35,10 +35,10 @@ from hil.lab.swarm.shoal import (
 
 
 @inner
-def begin(shoal: Shoal) -> None:
-    """Clear the results of the last iteration, and compute the food of every fish."""
+def start_iteration(shoal: Shoal) -> None:
+    """Clear the results of the last iteration, and compute the food of each fish."""
     for i in range(shoal.cost.size):
-        shoal.share[i] = food(shoal.cost, shoal.cost[i])
+        shoal.food[i] = food_at(shoal.cost, shoal.cost[i])
         shoal.centre_cost[i] = np.inf
         shoal.try_cost[i] = np.inf
         shoal.move_cost[i] = np.inf
@@ -46,19 +46,19 @@ def begin(shoal: Shoal) -> None:
 
 
 @inner
-def food(costs: np.ndarray, cost: float) -> float:
-    """Return the share of the shoal with a higher cost."""
-    worse = 0
+def food_at(costs: np.ndarray, cost: float) -> float:
+    """Return the fraction of the shoal with a higher cost."""
+    worse_count = 0
     for i in range(costs.size):
         if costs[i] > cost:
-            worse += 1
-    return worse / costs.size
+            worse_count += 1
+    return worse_count / costs.size
 
 
 @inner
 def find_partners(shoal: Shoal, vision: float) -> None:
-    """Find the partners of every fish (those within its vision), their centre and the best of them."""
-    fish, dimensions = shoal.place.shape
+    """Find the partners of each fish (those within its vision), their centre, and the best one."""
+    fish, dimensions = shoal.position.shape
     for i in range(fish):
         count = 0
         leader = NONE
@@ -67,15 +67,15 @@ def find_partners(shoal: Shoal, vision: float) -> None:
         for j in range(fish):
             if j == i:
                 continue
-            square = 0.0
+            square_distance = 0.0
             for k in range(dimensions):
-                difference = shoal.place[j, k] - shoal.place[i, k]
-                square += difference * difference
-            if square > vision * vision:
+                difference = shoal.position[j, k] - shoal.position[i, k]
+                square_distance += difference * difference
+            if square_distance > vision * vision:
                 continue
             count += 1
             for k in range(dimensions):
-                shoal.centre[i, k] += shoal.place[j, k]
+                shoal.centre[i, k] += shoal.position[j, k]
             if leader == NONE or shoal.cost[j] < shoal.cost[leader]:
                 leader = j
         shoal.partners[i] = count
@@ -86,43 +86,45 @@ def find_partners(shoal: Shoal, vision: float) -> None:
 
 @inner
 def request_points(shoal: Shoal, stage: int, first_try: int, end_try: int, behaviour: Behaviour) -> int:
-    """Fill in the points to be evaluated in a stage; return their number."""
+    """Write the points to be evaluated in a stage; return their number."""
     count = 0
     for i in range(shoal.cost.size):
-        place, uniforms = shoal.place[i], shoal.uniforms[i]
-        crowding, partners, leader = behaviour.congestion * shoal.share[i], shoal.partners[i], shoal.leader[i]
+        position, uniforms = shoal.position[i], shoal.uniforms[i]
+        crowding, partners, leader = behaviour.congestion * shoal.food[i], shoal.partners[i], shoal.leader[i]
         has_improved = shoal.move_cost[i] < shoal.cost[i]
         has_better_try = shoal.try_cost[i] < shoal.cost[i]
         first_point = count
-        if has_improved and behaviour.content:
+        if has_improved and behaviour.skips_after_improvement:
             continue
-        better = leader != NONE and shoal.cost[leader] < shoal.cost[i]
-        if stage >> FOLLOW_MOVE & 1 and better and shoal.share[leader] > crowding * shoal.partners[leader]:
+        has_better_leader = leader != NONE and shoal.cost[leader] < shoal.cost[i]
+        if stage >> FOLLOW_MOVE & 1 and has_better_leader and shoal.food[leader] > crowding * shoal.partners[leader]:
             shoal.kind[count] = FOLLOW_MOVE
             count += point_toward(
-                place, shoal.place[leader], behaviour.step * uniforms[FOLLOW_MOVE], shoal.point[count]
+                position, shoal.position[leader], behaviour.step * uniforms[FOLLOW_MOVE], shoal.point[count]
             )
         if stage >> CENTRE & 1 and partners > 0:
             shoal.kind[count] = CENTRE
-            copy(shoal.centre[i], shoal.point[count])
+            copy_point(shoal.centre[i], shoal.point[count])
             count += 1
-        if stage >> SWARM_MOVE & 1 and partners > 0 and food(shoal.cost, shoal.centre_cost[i]) > crowding * partners:
+        if stage >> SWARM_MOVE & 1 and partners > 0 and food_at(shoal.cost, shoal.centre_cost[i]) > crowding * partners:
             shoal.kind[count] = SWARM_MOVE
-            count += point_toward(place, shoal.centre[i], behaviour.step * uniforms[SWARM_MOVE], shoal.point[count])
+            count += point_toward(position, shoal.centre[i], behaviour.step * uniforms[SWARM_MOVE], shoal.point[count])
         if stage >> TRY & 1 and not has_better_try:
             for number in range(first_try, end_try):
                 # Random direction, uniform distance within vision.
                 shoal.kind[count] = TRY
                 point_along(
-                    place, shoal.normals[i, number], behaviour.reach * uniforms[MOVES + number], shoal.point[count]
+                    position, shoal.normals[i, number], behaviour.vision * uniforms[MOVES + number], shoal.point[count]
                 )
                 count += 1
         if stage >> PREY_MOVE & 1 and has_better_try:
             shoal.kind[count] = PREY_MOVE
-            count += point_toward(place, shoal.try_place[i], behaviour.step * uniforms[PREY_MOVE], shoal.point[count])
+            count += point_toward(
+                position, shoal.try_position[i], behaviour.step * uniforms[PREY_MOVE], shoal.point[count]
+            )
         if stage >> RANDOM_MOVE & 1 and not has_improved:
             shoal.kind[count] = RANDOM_MOVE
-            point_along(place, shoal.normals[i, -1], behaviour.step * uniforms[RANDOM_MOVE], shoal.point[count])
+            point_along(position, shoal.normals[i, -1], behaviour.step * uniforms[RANDOM_MOVE], shoal.point[count])
             count += 1
         for number in range(first_point, count):
             shoal.owner[number] = i
@@ -130,28 +132,28 @@ def request_points(shoal: Shoal, stage: int, first_try: int, end_try: int, behav
 
 
 @inner
-def point_toward(place: np.ndarray, target: np.ndarray, distance: float, point: np.ndarray) -> int:
-    """Fill in the place at a distance toward a target, and return 1; return 0 if the fish is already there."""
-    square = 0.0
-    for k in range(place.size):
-        square += (target[k] - place[k]) ** 2
-    if square == 0.0:
+def point_toward(position: np.ndarray, target: np.ndarray, distance: float, point: np.ndarray) -> int:
+    """Compute the point at a distance toward a target, and return 1; return 0 if the target is the position itself."""
+    square_distance = 0.0
+    for k in range(position.size):
+        square_distance += (target[k] - position[k]) ** 2
+    if square_distance == 0.0:
         return 0
-    share = distance / math.sqrt(square)
-    for k in range(place.size):
-        point[k] = min(max(place[k] + share * (target[k] - place[k]), 0.0), 1.0)
+    scale = distance / math.sqrt(square_distance)
+    for k in range(position.size):
+        point[k] = min(max(position[k] + scale * (target[k] - position[k]), 0.0), 1.0)
     return 1
 
 
 @inner
-def point_along(place: np.ndarray, direction: np.ndarray, distance: float, point: np.ndarray) -> None:
-    """Fill in the place at a distance in a direction of any length."""
-    square = 0.0
-    for k in range(place.size):
-        square += direction[k] ** 2
-    share = distance / math.sqrt(square) if square > 0.0 else 0.0
-    for k in range(place.size):
-        point[k] = mirror(place[k] + share * direction[k])
+def point_along(position: np.ndarray, direction: np.ndarray, distance: float, point: np.ndarray) -> None:
+    """Compute the point at a distance in a direction; the vector `direction` may have any length."""
+    square_distance = 0.0
+    for k in range(position.size):
+        square_distance += direction[k] ** 2
+    scale = distance / math.sqrt(square_distance) if square_distance > 0.0 else 0.0
+    for k in range(position.size):
+        point[k] = mirror(position[k] + scale * direction[k])
 
 
 @inner
@@ -164,15 +166,15 @@ def mirror(coordinate: float) -> float:
 
 
 @inner
-def copy(source: np.ndarray, target: np.ndarray) -> None:
-    """Copy a point (numba takes seconds to compile the checks of a slice assignment)."""
+def copy_point(source: np.ndarray, target: np.ndarray) -> None:
+    """Copy a point; a slice assignment takes numba seconds to compile."""
     for k in range(source.size):
         target[k] = source[k]
 
 
 @inner
 def store_costs(shoal: Shoal, count: int, costs: np.ndarray) -> None:
-    """Store the costs of the requested points; NaN is worse than all numbers."""
+    """Store the costs of the requested points; NaN is treated as infinite."""
     for number in range(count):
         cost = costs[number]
         if math.isnan(cost):
@@ -180,27 +182,27 @@ def store_costs(shoal: Shoal, count: int, costs: np.ndarray) -> None:
         i, kind, point = shoal.owner[number], shoal.kind[number], shoal.point[number]
         if cost < shoal.best_cost[0]:
             shoal.best_cost[0] = cost
-            copy(point, shoal.best_place)
+            copy_point(point, shoal.best_position)
         if kind == CENTRE:
             shoal.centre_cost[i] = cost
         elif kind == TRY:
             if cost < shoal.try_cost[i]:
                 shoal.try_cost[i] = cost
-                copy(point, shoal.try_place[i])
+                copy_point(point, shoal.try_position[i])
         elif cost < shoal.move_cost[i] or kind == RANDOM_MOVE:
-            # A random move is requested if no other move has improved the cost, and is always made.
+            # A random move is requested only if no other move has improved the cost, and is always made.
             shoal.move_cost[i] = cost
-            copy(point, shoal.move_place[i])
+            copy_point(point, shoal.move_position[i])
             shoal.move_kind[i] = kind
 
 
 @inner
 def move_fish(shoal: Shoal, moves: np.ndarray) -> None:
-    """Move every fish, and count the moves of each behaviour."""
+    """Move all fish, and count the moves of each behaviour."""
     for i in range(shoal.cost.size):
         kind = shoal.move_kind[i]
         if kind == NONE:
             continue
         moves[kind] += 1
         shoal.cost[i] = shoal.move_cost[i]
-        copy(shoal.move_place[i], shoal.place[i])
+        copy_point(shoal.move_position[i], shoal.position[i])

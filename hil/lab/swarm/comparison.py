@@ -1,8 +1,8 @@
-"""Comparison of the fish swarm with other searches on standard functions, with equal numbers of evaluations.
+"""Compare the fish swarm with other searches on standard functions, with equal numbers of evaluations.
 
-scipy's differential_evolution (by generations, without its final gradient search) and cma's CMA-ES (bounded, from a
-random point with a spread of 0.3 boxes, restarted with a larger population after convergence). Uniform random points
-("chance") are the baseline. All search the same box; the error of a run is the smallest value among its first
+The others are scipy's differential_evolution (by generations, without the final gradient search) and cma's CMA-ES
+(bounded, from a random point with a standard deviation of 0.3 boxes, restarted with a larger population after
+convergence). The baseline is uniform random points ("chance"). The error of a run is the smallest value among its first
 `evaluations` evaluations. The default settings of the fish swarm were chosen on these functions; the others use the
 settings of their authors.
 """
@@ -20,13 +20,13 @@ import numpy as np
 from hil.lab.swarm.records import MAX_ITERATIONS, BatchObjective, Floats, SwarmSettings
 from hil.lab.swarm.search import minimise
 
-SCHWEFEL_PLACE = 420.968746359982
+SCHWEFEL_POSITION = 420.968746359982
 SCHWEFEL_VALUE = 418.98288727243374
 
 
 @dataclass(frozen=True, slots=True)
 class StandardFunction:
-    """A function, the limits of its box in every coordinate, and its difficulty."""
+    """A function, the limits of its box in each coordinate, and a text on its difficulty."""
 
     name: str
     function: BatchObjective
@@ -36,9 +36,9 @@ class StandardFunction:
 
 
 def optimum(name: str, dimensions: int) -> Floats:
-    """Return the place of the minimum of a function."""
+    """Return the position of the minimum of a function."""
     if name == "schwefel":
-        return np.full(dimensions, SCHWEFEL_PLACE)
+        return np.full(dimensions, SCHWEFEL_POSITION)
     if name == "rosenbrock":
         return np.ones(dimensions)
     row = next(row for row in TABLE if row.name == name)
@@ -46,45 +46,45 @@ def optimum(name: str, dimensions: int) -> Floats:
 
 
 def _shift(dimensions: int) -> Floats:
-    """Return the shift relative to the box: from -0.35 to 0.35, distributed by the golden ratio."""
+    """Return the shift of the minimum relative to the box: -0.35 to 0.35, distributed by the golden ratio."""
     return np.asarray(0.7 * ((np.arange(1, dimensions + 1) * 0.618033988749895) % 1.0 - 0.5))
 
 
 def sphere(points: Floats) -> Floats:
-    """Sum of squares: smooth and round."""
-    way = points - optimum("sphere", points.shape[1])
-    return np.sum(way**2, axis=1)  # type: ignore[no-any-return]
+    """Return the sum of squares: smooth and round."""
+    offset = points - optimum("sphere", points.shape[1])
+    return np.sum(offset**2, axis=1)  # type: ignore[no-any-return]
 
 
 def rosenbrock(points: Floats) -> Floats:
-    """A curved, flat valley."""
-    here, after = points[:, :-1], points[:, 1:]
-    return np.sum(100.0 * (after - here**2) ** 2 + (1.0 - here) ** 2, axis=1)  # type: ignore[no-any-return]
+    """Return Rosenbrock's function: a curved, flat valley."""
+    current, following = points[:, :-1], points[:, 1:]
+    return np.sum(100.0 * (following - current**2) ** 2 + (1.0 - current) ** 2, axis=1)  # type: ignore[no-any-return]
 
 
 def rastrigin(points: Floats) -> Floats:
-    """A bowl with a regular lattice of about 10^d minima."""
-    way = points - optimum("rastrigin", points.shape[1])
-    return np.sum(way**2 - 10.0 * np.cos(2.0 * math.pi * way) + 10.0, axis=1)  # type: ignore[no-any-return]
+    """Return Rastrigin's function: a bowl with a regular lattice of about 10^d minima."""
+    offset = points - optimum("rastrigin", points.shape[1])
+    return np.sum(offset**2 - 10.0 * np.cos(2.0 * math.pi * offset) + 10.0, axis=1)  # type: ignore[no-any-return]
 
 
 def ackley(points: Floats) -> Floats:
-    """An almost flat plain of minima around a funnel."""
-    way = points - optimum("ackley", points.shape[1])
-    far = np.sqrt(np.mean(way**2, axis=1))
-    ripple = np.mean(np.cos(2.0 * math.pi * way), axis=1)
-    return np.maximum(-20.0 * np.exp(-0.2 * far) - np.exp(ripple) + 20.0 + math.e, 0.0)  # type: ignore[no-any-return]
+    """Return Ackley's function: an almost flat plain of minima around a funnel."""
+    offset = points - optimum("ackley", points.shape[1])
+    distance = np.sqrt(np.mean(offset**2, axis=1))
+    ripple = np.mean(np.cos(2.0 * math.pi * offset), axis=1)
+    return np.maximum(-20.0 * np.exp(-0.2 * distance) - np.exp(ripple) + 20.0 + math.e, 0.0)  # type: ignore[no-any-return]
 
 
 def griewank(points: Floats) -> Floats:
-    """A wide bowl with many shallow connected minima."""
-    way = points - optimum("griewank", points.shape[1])
-    number = np.sqrt(np.arange(1, points.shape[1] + 1))
-    return np.sum(way**2, axis=1) / 4000.0 - np.prod(np.cos(way / number), axis=1) + 1.0  # type: ignore[no-any-return]
+    """Return Griewank's function: a wide bowl with many shallow connected minima."""
+    offset = points - optimum("griewank", points.shape[1])
+    root_index = np.sqrt(np.arange(1, points.shape[1] + 1))
+    return np.sum(offset**2, axis=1) / 4000.0 - np.prod(np.cos(offset / root_index), axis=1) + 1.0  # type: ignore[no-any-return]
 
 
 def schwefel(points: Floats) -> Floats:
-    """Deep minima, the best of which is in a corner, far from the second best."""
+    """Return Schwefel's function: deep minima, the best one in a corner, far from the second best."""
     waves = points * np.sin(np.sqrt(np.abs(points)))
     return np.sum(SCHWEFEL_VALUE - waves, axis=1)  # type: ignore[no-any-return]
 
@@ -99,31 +99,31 @@ TABLE = (
 )
 
 
-SOLVED = 1e-6
+MAX_SOLVED_ERROR = 1e-6
 COLUMNS = ("function", "d", "evaluations")
 
 
 class _SpentError(Exception):
-    """The budget is used up; ends a search from within its objective."""
+    """Raised by an objective when the budget is used up, to end the search."""
 
 
 class Budget:
-    """Counts the evaluations of a search, and stores the smallest value within the budget."""
+    """Count the evaluations of a search, and store the smallest value within the budget."""
 
     def __init__(self, function: BatchObjective, evaluations: int) -> None:
         """Store the function and the number of evaluations."""
-        self.left = evaluations
+        self.remaining = evaluations
         self.minimum = float("inf")
         self._function = function
 
     def __call__(self, points: Floats) -> Floats:
         """Evaluate points; raise _SpentError if the budget is exceeded."""
-        if self.left <= 0:
+        if self.remaining <= 0:
             raise _SpentError
-        values = self._function(points[: self.left])
-        self.left -= len(points)
+        values = self._function(points[: self.remaining])
+        self.remaining -= len(points)
         self.minimum = min(self.minimum, float(np.min(values)))
-        if self.left < 0:
+        if self.remaining < 0:
             raise _SpentError
         return values
 
@@ -133,7 +133,7 @@ Search = Callable[[Budget, Floats, Floats, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The errors of every search, one for each seed, on one function."""
+    """The errors of all searches on one function, one for each seed."""
 
     function: str
     dimensions: int
@@ -145,28 +145,28 @@ class Row:
         return statistics.median(self.errors[search])
 
     def solved(self, search: str) -> int:
-        """Return the number of runs with an error of at most SOLVED."""
-        return sum(error <= SOLVED for error in self.errors[search])
+        """Return the number of runs with an error of at most MAX_SOLVED_ERROR."""
+        return sum(smallest_error <= MAX_SOLVED_ERROR for smallest_error in self.errors[search])
 
     def winner(self) -> str:
-        """Return the search with most solved runs; among equals the one with the smallest median error."""
+        """Return the search with the most solved runs; among equals the one with the smallest median error."""
         return min(self.errors, key=lambda search: (-self.solved(search), self.median(search)))
 
 
-def fish(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
+def search_with_fish(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
     """Search with the fish swarm's standard settings."""
-    settings = SwarmSettings(seed=seed, iterations=MAX_ITERATIONS // 10, max_evaluations=budget.left)
+    settings = SwarmSettings(seed=seed, iterations=MAX_ITERATIONS // 10, max_evaluations=budget.remaining)
     minimise(budget, low, high, settings)
 
 
-def differential_evolution(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
+def search_with_differential_evolution(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
     """Search with scipy's differential evolution."""
     from scipy import optimize  # noqa: PLC0415 - takes half a second, and only the comparison needs it
 
     optimize.differential_evolution(
         lambda points: budget(points.T),
         list(zip(low, high, strict=True)),
-        maxiter=budget.left,
+        maxiter=budget.remaining,
         tol=0.0,
         polish=False,
         vectorized=True,
@@ -175,7 +175,7 @@ def differential_evolution(budget: Budget, low: Floats, high: Floats, seed: int)
     )
 
 
-def cma_es(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
+def search_with_cma_es(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
     """Search with cma's CMA-ES and its restarts."""
     import cma  # type: ignore[import-untyped]  # noqa: PLC0415 - only the comparison needs it
 
@@ -196,34 +196,41 @@ def cma_es(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
             search.tell(points, list(budget(low + np.array(points) * span)))
 
 
-def chance(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
+def search_at_random(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
     """Draw uniform random points from the box."""
-    budget(np.random.default_rng(seed).uniform(low, high, (budget.left, low.size)))
+    budget(np.random.default_rng(seed).uniform(low, high, (budget.remaining, low.size)))
 
 
-SEARCHES: dict[str, Search] = {"fish": fish, "DE": differential_evolution, "CMA-ES": cma_es, "chance": chance}
+SEARCHES: dict[str, Search] = {
+    "fish": search_with_fish,
+    "DE": search_with_differential_evolution,
+    "CMA-ES": search_with_cma_es,
+    "chance": search_at_random,
+}
 
 
 def compare(
     functions: Sequence[StandardFunction], dimensions: int, evaluations: int, seeds: Sequence[int]
 ) -> list[Row]:
-    """Run every search on every function, once for each seed."""
+    """Run all searches on all functions, once for each seed."""
     rows = []
     for row in functions:
         low, high = np.full(dimensions, row.low), np.full(dimensions, row.high)
         errors = {
-            name: tuple(error(search, row.function, low, high, evaluations, seed) for seed in seeds)
+            name: tuple(smallest_error(search, row.function, low, high, evaluations, seed) for seed in seeds)
             for name, search in SEARCHES.items()
         }
         rows.append(Row(row.name, dimensions, evaluations, errors))
     return rows
 
 
-def error(search: Search, function: BatchObjective, low: Floats, high: Floats, evaluations: int, seed: int) -> float:
+def smallest_error(
+    search: Search, function: BatchObjective, low: Floats, high: Floats, evaluations: int, seed: int
+) -> float:
     """Return the smallest value that a search finds within the evaluations."""
     budget = Budget(function, evaluations)
     with warnings.catch_warnings():
-        # Both others warn of converged or flat populations, which their restarts handle.
+        # The other searches warn of converged or flat populations, which their restarts handle.
         warnings.simplefilter("ignore")
         try:
             search(budget, low, high, seed)
@@ -233,16 +240,18 @@ def error(search: Search, function: BatchObjective, low: Floats, high: Floats, e
 
 
 def text(rows: Sequence[Row], runs: int) -> str:
-    """Return the table: median error, solved runs, and best search."""
-    head = (*COLUMNS, *(f"{name} error (solved)" for name in SEARCHES), "best")
-    cells = [head]
+    """Return the table as text: median error, solved runs, and best search."""
+    header = (*COLUMNS, *(f"{name} error (solved)" for name in SEARCHES), "best")
+    cells = [header]
     for row in rows:
-        found = (f"{row.median(name):.1e} ({row.solved(name)}/{runs})" for name in SEARCHES)
-        cells.append((row.function, str(row.dimensions), str(row.evaluations), *found, row.winner()))
-    widths = [max(len(line[column]) for line in cells) for column in range(len(head))]
+        result_cells = (f"{row.median(name):.1e} ({row.solved(name)}/{runs})" for name in SEARCHES)
+        cells.append((row.function, str(row.dimensions), str(row.evaluations), *result_cells, row.winner()))
+    widths = [max(len(line[column]) for line in cells) for column in range(len(header))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in cells]
     wins = ", ".join(f"{name} {sum(row.winner() == name for row in rows)}" for name in SEARCHES)
-    lines.append(f"error: median of {runs} seeded runs; solved: error up to {SOLVED:g}; best of {len(rows)}: {wins}")
+    lines.append(
+        f"error: median of {runs} seeded runs; solved: error up to {MAX_SOLVED_ERROR:g}; best of {len(rows)}: {wins}"
+    )
     return "\n".join(lines)
 
 

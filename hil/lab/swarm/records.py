@@ -28,24 +28,25 @@ class SwarmSettings:
 
     fish: number of fish (n).
     iterations: number of iterations (Kmax).
-    tries: number of places that a preying fish tries (Tn).
+    tries: number of points that a preying fish tries (Tn).
     vision: vision of a fish (Vs), in diagonals of the box.
     step: maximum step (St), in diagonals of the box.
-    congestion: crowding factor (kappa); 0: fish never avoid each other, 1: always.
-    strategy: "optimal" takes the best behaviour, "progress" the first one that helps, in the order follow, swarm, prey.
+    congestion: crowding factor (kappa); 0: fish never avoid each other, 1: they always do.
+    strategy: "optimal" takes the best behaviour, "progress" the first one that improves the cost, in the order follow,
+        swarm, prey.
     prey: "best" evaluates all tries at once and takes the best; "first" evaluates them one by one and takes the first
         better one (as in the paper; fewer evaluations, more calls).
-    shrink: vision and step decrease geometrically to this share at the end; 1 is the plain algorithm.
+    shrink: vision and step decrease geometrically to this fraction at the end; with 1 they are constant.
     seed: seed of all random numbers.
-    max_evaluations: the swarm stops when they are used up, also within an iteration; None: no limit.
+    max_evaluations: number after which the swarm stops, also within an iteration; None: no limit.
 
     The defaults were chosen by hand near the best of 224 settings, each with three seeds on the standard functions in 2
     and 5 dimensions. Several settings are equal within the scatter of these seeds, and a comparison on the same
     functions (`rambler-hil swarm-table`) favours the fish swarm.
 
     With the default shrink, vision is less than half after a tenth of the search; the fish then refine the present
-    minimum. For deep minima far apart (Schwefel in five dimensions, where these defaults are hardly better than chance)
-    a shrink closer to 1 searches longer, and ends less precisely.
+    minimum. For deep minima that are far apart (Schwefel's function in five dimensions, where these defaults are hardly
+    better than random search), a shrink closer to 1 searches longer and ends less precisely.
 
     Raises SettingsError for invalid values.
     """
@@ -63,16 +64,16 @@ class SwarmSettings:
     max_evaluations: int | None = None
 
     def __post_init__(self) -> None:
-        """Check every value."""
-        whole = {
+        """Raise SettingsError for an invalid value."""
+        integers = {
             "fish": (self.fish, 2, MAX_FISH),
             "iterations": (self.iterations, 1, MAX_ITERATIONS),
             "tries": (self.tries, 1, MAX_TRIES),
             "seed": (self.seed, 0, 2**64 - 1),
         }
         if self.max_evaluations is not None:
-            whole["max_evaluations"] = (self.max_evaluations, self.fish, 2**62)
-        for name, (number, minimum, maximum) in whole.items():
+            integers["max_evaluations"] = (self.max_evaluations, self.fish, 2**62)
+        for name, (number, minimum, maximum) in integers.items():
             if isinstance(number, bool) or not isinstance(number, int) or not minimum <= number <= maximum:
                 raise SettingsError(f"{name} {number!r}: give a whole number from {minimum} to {maximum}")
         ranges = {
@@ -101,11 +102,11 @@ class CompiledObjective:
 
     function: compiled by numba; called as function(point, *data) and returns one number, or, with `batch`, as
         function(points, values, *data) and fills values; points are (m, d).
-    data: further arguments of the function, such as the arrays of a log.
+    data: other arguments of the function, such as the arrays of a log.
 
     Machine code that calls a function argument cannot be stored, so each process compiles the swarm again, which takes
-    some seconds. This is useful for cheap objectives and many searches. An objective for whole batches loses little if
-    it is passed as a function of points instead.
+    some seconds. This is useful for cheap objectives and many searches. An objective for whole batches is almost as
+    fast if it is passed as a function of points instead.
     """
 
     function: Callable[..., Any]
@@ -115,7 +116,7 @@ class CompiledObjective:
 
 @dataclass(frozen=True, slots=True)
 class SwarmProgress:
-    """Progress of a search, for the callback after each iteration, which ends the search by returning True."""
+    """Progress of a search, passed to the callback after each iteration; if it returns True, the search ends."""
 
     iteration: int
     iterations: int

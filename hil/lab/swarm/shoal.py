@@ -1,4 +1,4 @@
-"""State of the shoal: arrays that compiled code changes in place, in the unit box."""
+"""State of the shoal: arrays that compiled code changes in place; positions are in the unit box."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ from numpy.typing import NDArray
 
 from hil.lab.swarm.records import Floats, SwarmSettings
 
-# Kinds of a requested point: moves of the behaviours, and evaluations before a move.
+# Types of a requested point: moves of the behaviours, and evaluations before a move.
 FOLLOW_MOVE, SWARM_MOVE, PREY_MOVE, RANDOM_MOVE, CENTRE, TRY = range(6)
-MOVES = 4  # the first four kinds
+MOVES = 4  # number of types that are moves, the first ones
 NONE = -1
 
 
 class Shoal(NamedTuple):
     """n fish in d dimensions; `cost` is the value of the objective.
 
-    place, cost: place and cost of each fish. share: share of the shoal with higher cost (its food).
-    partners, centre, leader: number, centre and best of the fish within vision.
-    centre_cost, try_place, try_cost: results of this iteration.
-    move_place, move_cost, move_kind: the best move of this iteration.
-    best_place, best_cost: the bulletin board.
-    point, owner, kind: requested points, their fish and their kinds.
+    position, cost: of each fish. food: fraction of the shoal with higher cost.
+    partners, centre, leader: number, centre and best one of the fish within vision.
+    centre_cost, try_position, try_cost: results of the evaluations in this iteration.
+    move_position, move_cost, move_kind: the best move of this iteration.
+    best_position, best_cost: the bulletin board.
+    point, owner, kind: requested points, their fish and their types.
     uniforms, normals: random numbers of an iteration.
     """
 
-    place: Floats
+    position: Floats
     cost: Floats
-    share: Floats
+    food: Floats
     partners: NDArray[np.int64]
     centre: Floats
     leader: NDArray[np.int64]
     centre_cost: Floats
-    try_place: Floats
+    try_position: Floats
     try_cost: Floats
-    move_place: Floats
+    move_position: Floats
     move_cost: Floats
     move_kind: NDArray[np.int64]
-    best_place: Floats
+    best_position: Floats
     best_cost: Floats
     point: Floats
     owner: NDArray[np.int64]
@@ -50,32 +50,32 @@ class Shoal(NamedTuple):
 
 
 class Behaviour(NamedTuple):
-    """Settings of the compiled behaviours; reach and step in lengths of the unit box."""
+    """Settings of the behaviours for one iteration; vision and step in side lengths of the unit box."""
 
-    reach: float
+    vision: float
     step: float
     congestion: float
-    content: bool  # a fish with a better place stops its iteration (strategy "progress")
+    skips_after_improvement: bool  # a fish with a better position requests no more points (strategy "progress")
 
 
 def new_shoal(settings: SwarmSettings, dimensions: int) -> Shoal:
-    """Return empty arrays."""
+    """Return a shoal without positions and costs."""
     fish = settings.fish
     requests = fish * (settings.tries + 2)
     return Shoal(
-        place=np.zeros((fish, dimensions)),
+        position=np.zeros((fish, dimensions)),
         cost=np.full(fish, np.inf),
-        share=np.zeros(fish),
+        food=np.zeros(fish),
         partners=np.zeros(fish, np.int64),
         centre=np.zeros((fish, dimensions)),
         leader=np.zeros(fish, np.int64),
         centre_cost=np.zeros(fish),
-        try_place=np.zeros((fish, dimensions)),
+        try_position=np.zeros((fish, dimensions)),
         try_cost=np.zeros(fish),
-        move_place=np.zeros((fish, dimensions)),
+        move_position=np.zeros((fish, dimensions)),
         move_cost=np.zeros(fish),
         move_kind=np.zeros(fish, np.int64),
-        best_place=np.zeros(dimensions),
+        best_position=np.zeros(dimensions),
         best_cost=np.full(1, np.inf),
         point=np.zeros((requests, dimensions)),
         owner=np.zeros(requests, np.int64),
@@ -86,10 +86,10 @@ def new_shoal(settings: SwarmSettings, dimensions: int) -> Shoal:
 
 
 def schedule(settings: SwarmSettings) -> NDArray[np.int64]:
-    """Return the stages of an iteration: rows with the bits of the requested kinds, first try, and last try + 1.
+    """Return the stages of an iteration: rows with the bits of the requested types, first try, and last try + 1.
 
     A stage is one call of the objective. The strategy "optimal" requests everything at once; "progress" requests a
-    behaviour only if the previous one has not helped.
+    behaviour only if the previous one has not improved the cost.
     """
 
     def stage(*kinds: int) -> int:
@@ -98,23 +98,23 @@ def schedule(settings: SwarmSettings) -> NDArray[np.int64]:
     tries = settings.tries
     all_tries = [(0, tries)] if settings.prey == "best" else [(number, number + 1) for number in range(tries)]
     if settings.strategy == "optimal":
-        first, *others = all_tries
-        rows = [(stage(FOLLOW_MOVE, CENTRE, TRY), *first)]
-        rows += [(stage(TRY), *span) for span in others]
+        first_tries, *other_tries = all_tries
+        rows = [(stage(FOLLOW_MOVE, CENTRE, TRY), *first_tries)]
+        rows += [(stage(TRY), *try_range) for try_range in other_tries]
         rows += [(stage(SWARM_MOVE, PREY_MOVE), 0, 0)]
     else:
         rows = [(stage(FOLLOW_MOVE), 0, 0), (stage(CENTRE), 0, 0), (stage(SWARM_MOVE), 0, 0)]
-        rows += [(stage(TRY), *span) for span in all_tries]
+        rows += [(stage(TRY), *try_range) for try_range in all_tries]
         rows += [(stage(PREY_MOVE), 0, 0)]
     rows += [(stage(RANDOM_MOVE), 0, 0)]
     return np.array(rows, np.int64)
 
 
 def scatter(shoal: Shoal, rng: np.random.Generator) -> None:
-    """Place the fish by Latin hypercube sampling."""
-    fish, dimensions = shoal.place.shape
+    """Set the initial positions by Latin hypercube sampling."""
+    fish, dimensions = shoal.position.shape
     for dimension in range(dimensions):
-        shoal.place[:, dimension] = (rng.permutation(fish) + rng.random(fish)) / fish
+        shoal.position[:, dimension] = (rng.permutation(fish) + rng.random(fish)) / fish
 
 
 def diagonal(dimensions: int) -> float:

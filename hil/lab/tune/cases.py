@@ -1,7 +1,7 @@
-"""The trial runs of the fixed-gain controller: seas, speeds, and ships that differ from the model.
+"""Trial runs of the fixed-gain controller: seas, speeds, and ships that differ from the model.
 
-Each sea is run with the model and with four ships whose K and T differ by 30 %, and flat water at the lowest and the
-highest speed, while the autopilot keeps the model of the vehicle file. Every setting gets the same waves and noise.
+In each sea the ship equals the model, or its K and T differ by 30 % (four ships). Two more runs are in flat water at
+the lowest and the highest speed. The autopilot uses the model of the vehicle file; all settings have the same waves.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from hil.ship.waves import WaveYaw
 
 STEP_S = 0.1
 MIN_LEG_S, MAX_LEG_S = 300.0, 3000.0
-STEADY_PART = 1.0 / 3.0  # last part of a leg
-GOALS_DEG = (60.0, -30.0)  # steps of 60 and 90 deg, one to each side
+STEADY_FRACTION = 1.0 / 3.0  # last part of a leg
+GOALS_DEG = (60.0, -30.0)  # turns of 60 deg to starboard and 90 deg to port
 COMPASS_NOISE_DEG = 0.3
 DEFAULT_SCENARIOS = ("tank", "sea", "swell", "weak")
-CORNERS = ((0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3))
+SHIP_FACTORS = ((0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3))
 SPEEDS_M_S = (0.2, 1.2)
 NOMINAL = (1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One trial run: a sea, and the factors of the ship's K and T relative to the model."""
+    """A trial run: a sea, and the ship's K and T relative to those of the model."""
 
     scenario: Scenario
     ability_factor: float
     lag_factor: float
 
     @property
-    def nominal(self) -> bool:
+    def is_nominal(self) -> bool:
         """Return whether the ship equals the model."""
         return (self.ability_factor, self.lag_factor) == NOMINAL
 
     def ship(self, model: KtModel) -> KtModel:
-        """Return the ship of this case, at the sea's speed."""
+        """Return the ship of this case, at the speed of the sea."""
         scaled = model.at_speed(self.scenario.speed_m_s)
         return scaled._replace(
             turning_ability_1_s=scaled.turning_ability_1_s * self.ability_factor,
@@ -66,17 +66,17 @@ def cases_of(names: Sequence[str]) -> tuple[Case, ...]:
                 f"scenario {sea.name!r} has disturbances that the trial runs do not have"
             )
     calm = scenarios.find_scenario("calm")
-    at_speeds = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]
-    cases = [Case(sea, *factors) for sea in seas for factors in (NOMINAL, *CORNERS)]
-    return (*cases, *(Case(sea, *NOMINAL) for sea in at_speeds))
+    calm_seas = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]
+    cases = [Case(sea, *factors) for sea in seas for factors in (NOMINAL, *SHIP_FACTORS)]
+    return (*cases, *(Case(sea, *NOMINAL) for sea in calm_seas))
 
 
 def task_of(model: KtModel, autopilot: Autopilot) -> Task:
-    """Return the task of every case; a leg lasts three times as long as the larger turn, at least 300 s."""
+    """Return the task of all cases; a leg lasts three times as long as the larger turn, and MIN_LEG_S to MAX_LEG_S."""
     turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(autopilot.rate_max_rad_s)
     leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), MIN_LEG_S, MAX_LEG_S)
     ticks = round(leg_s / STEP_S)
-    return Task(np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_PART) * ticks), STEP_S)
+    return Task(np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_FRACTION) * ticks), STEP_S)
 
 
 def autopilot_of(parameters: ParameterSet) -> Autopilot:
@@ -96,16 +96,17 @@ def autopilot_of(parameters: ParameterSet) -> Autopilot:
 
 
 def steps_in(ship: KtModel, step_s: float) -> int:
-    """Return the number of Runge-Kutta steps in a time step; raise ValueError for an invalid ship.
+    """Return the number of Runge-Kutta steps in a time step `step_s`; raise ValueError for an invalid ship.
 
-    By similarity, the time step equals LARGEST_STEP_S of a faster ship, so that the plant's own step limit has no
+    The ship is scaled by similarity so that the time step becomes LARGEST_STEP_S; then the plant's own step limit has
+    no
     effect.
     """
     return inner_steps(ship.at_speed(ship.speed_m_s * step_s / MAX_STEP_S), MAX_STEP_S)
 
 
 def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Seas:
-    """Draw waves, noise and drift of every case; raise ValueError for an invalid model."""
+    """Draw waves, noise and rudder drift of all cases; raise ValueError for an invalid model."""
     ticks = task.goals_rad.size * task.leg_ticks
     ships = np.zeros((len(cases), 4))
     compass_rad = np.zeros((len(cases), ticks))
@@ -118,16 +119,16 @@ def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Sea
             ship.norrbin_s2,
             steps_in(ship, task.step_s),
         )
-        numbers = [np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, row, k]))) for k in range(3)]
-        compass_rad[row] = radians(COMPASS_NOISE_DEG) * numbers[0].standard_normal(ticks)
-        compass_rad[row] += _wave_yaw(case.scenario, task, ticks, numbers[1])
-        offset_rad[row] = _offset(case.scenario, task, ticks, numbers[2])
+        generators = [np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, row, k]))) for k in range(3)]
+        compass_rad[row] = radians(COMPASS_NOISE_DEG) * generators[0].standard_normal(ticks)
+        compass_rad[row] += _wave_yaw(case.scenario, task, ticks, generators[1])
+        offset_rad[row] = _offset(case.scenario, task, ticks, generators[2])
         offset_rad[row] += ship.rudder_offset_rad
     return Seas(ships, compass_rad, offset_rad)
 
 
-def _wave_yaw(sea: Scenario, task: Task, ticks: int, numbers: np.random.Generator) -> list[float]:
-    waves = WaveYaw(radians(sea.wave_yaw_deg), sea.wave_period_s, task.step_s, NormalNumbers(numbers))
+def _wave_yaw(sea: Scenario, task: Task, ticks: int, generators: np.random.Generator) -> list[float]:
+    waves = WaveYaw(radians(sea.wave_yaw_deg), sea.wave_period_s, task.step_s, NormalNumbers(generators))
     yaw_rad = []
     for _ in range(ticks):
         yaw_rad.append(waves.angle_rad(0.0))
@@ -135,8 +136,8 @@ def _wave_yaw(sea: Scenario, task: Task, ticks: int, numbers: np.random.Generato
     return yaw_rad
 
 
-def _offset(sea: Scenario, task: Task, ticks: int, numbers: np.random.Generator) -> list[float]:
-    drift = RudderDrift(radians(sea.drift_deg), task.step_s, NormalNumbers(numbers))
+def _offset(sea: Scenario, task: Task, ticks: int, generators: np.random.Generator) -> list[float]:
+    drift = RudderDrift(radians(sea.drift_deg), task.step_s, NormalNumbers(generators))
     bias_rad = radians(sea.bias_deg)
     angle_rad = []
     for _ in range(ticks):

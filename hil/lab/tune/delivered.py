@@ -1,7 +1,7 @@
-"""The trial runs of the default controller in the compiled loop (hil/lab/twin).
+"""Trial runs of the default controller in the compiled loop (hil/lab/twin).
 
-Each sea is run with the ship of the vehicle file and with ships whose K, T and alpha differ by 30 %, each with several
-seeds, while the autopilot keeps the model of the vehicle file. Every setting gets the same waves and noise.
+Each sea is simulated with the ship of the vehicle file and with two ships whose K, T and alpha differ by 30 %, with
+several seeds each. The autopilot uses the model of the vehicle file, and all settings have the same waves and noise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.compiled import compiling
 from hil.lab.numeric_core import LawSettings
-from hil.lab.tune.cases import GOALS_DEG, MAX_LEG_S, MIN_LEG_S, STEADY_PART
+from hil.lab.tune.cases import GOALS_DEG, MAX_LEG_S, MIN_LEG_S, STEADY_FRACTION
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, Task, measure
 from hil.lab.twin import sailing
 from hil.lab.twin.plant import Record, Sea
@@ -33,29 +33,28 @@ from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND
 
 DEG_PER_H = DEGREES_PER_RADIAN * 3600.0
-SHIPS = ((1.0, 1.0, 1.0), (0.7, 1.3, 1.3), (1.3, 0.7, 0.7))  # of K, T and alpha
+SHIP_FACTORS = ((1.0, 1.0, 1.0), (0.7, 1.3, 1.3), (1.3, 0.7, 0.7))  # of K, T and alpha
 SETTLING_S = 150.0  # for the convergence of the estimators, before the first leg
-SEEDS, FRESH_SEEDS = 2, 4
-FRESH_SEED = 1_000_003  # added to the seed for the seas that check the choice
-# The searched parameters.
-SEARCHED = ("CTL_PRICE", "RUD_DBAND_DEG")
+SEEDS, FRESH_SEEDS = 2, 4  # numbers of seeds
+FRESH_SEED = 1_000_003  # added to the seed for the fresh seas, which check the choice
+SEARCHED_NAMES = ("CTL_PRICE", "RUD_DBAND_DEG")
 
 Setting = tuple[float, ...]
 
 
 def default_setting() -> Setting:
     """Return the default values of the searched parameters."""
-    return tuple(TABLE[index_of(name)].default for name in SEARCHED)
+    return tuple(TABLE[index_of(name)].default for name in SEARCHED_NAMES)
 
 
 def parameters_of(setting: Setting) -> dict[str, float]:
     """Return names and values, rounded as in the autopilot."""
-    return {name: to_single(value) for name, value in zip(SEARCHED, setting, strict=True)}
+    return {name: to_single(value) for name, value in zip(SEARCHED_NAMES, setting, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A trial run: a sea, its seed, and the factors of the ship's K, T and alpha relative to the model."""
+    """A trial run: a sea, its seed, and the ship's K, T and alpha relative to those of the model."""
 
     scenario: Scenario
     text: str
@@ -63,7 +62,7 @@ class Case:
     seed: int
 
     def model(self, model: KtModel) -> KtModel:
-        """Return the ship of this case, at the model's speed."""
+        """Return the ship of this case, at the speed of the model."""
         ability, lag, norrbin = self.ship
         return model._replace(
             turning_ability_1_s=model.turning_ability_1_s * ability,
@@ -76,7 +75,7 @@ class Case:
 class Score:
     """Score of a setting.
 
-    `error` is the root mean square over the cases of its ITAE relative to that of the defaults, `worst_error` the
+    `error` is the root mean square over the cases of the ITAE relative to that of the defaults, `worst_error` the
     largest ratio. `travel_deg_per_h` is the mean rudder travel of the steady parts.
     """
 
@@ -87,19 +86,22 @@ class Score:
 
 
 def cases_of(names: Sequence[str], seeds: Sequence[int]) -> tuple[Case, ...]:
-    """Return the cases of seas such as "swell+leeway=8"."""
+    """Return the cases of seas, such as "swell+leeway=8", with all ships and seeds."""
     seas = [(name, scenarios.parse_scenario(name)) for name in names]
-    return tuple(Case(sea, name, ship, seed) for (name, sea), ship, seed in product(seas, SHIPS, seeds))
+    return tuple(Case(sea, name, ship, seed) for (name, sea), ship, seed in product(seas, SHIP_FACTORS, seeds))
 
 
 def task_of(model: KtModel, limit_rad: float) -> tuple[Task, tuple[Goal, ...], float]:
-    """Return the legs, the goals and the duration; the length of a leg follows from the turning time of the ship."""
+    """Return legs, goals and duration [s]; the length of a leg depends on the turning time of the ship."""
     fastest_rad_s = steady_yaw_rate(limit_rad, model.turning_ability_1_s, model.norrbin_s2)
     turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(fastest_rad_s)
     leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), MIN_LEG_S, MAX_LEG_S)
     ticks = round(leg_s * ROWS_PER_SECOND)
     legs = Task(
-        np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_PART) * ticks), 1 / ROWS_PER_SECOND
+        np.array([radians(goal) for goal in GOALS_DEG]),
+        ticks,
+        round((1.0 - STEADY_FRACTION) * ticks),
+        1 / ROWS_PER_SECOND,
     )
     goals = [Goal(0.0, 0.0)]
     goals += [Goal(SETTLING_S + number * ticks / ROWS_PER_SECOND, goal) for number, goal in enumerate(GOALS_DEG)]
@@ -107,7 +109,7 @@ def task_of(model: KtModel, limit_rad: float) -> tuple[Task, tuple[Goal, ...], f
 
 
 class Trials:
-    """The trial runs of a vehicle, with an archive of all scores."""
+    """Trial runs of a vehicle, with an archive of all scores."""
 
     def __init__(self, model: KtModel, parameters: ParameterSet, names: Sequence[str], seeds: Sequence[int]) -> None:
         """Draw the seas and run them with the defaults; raise ValueError for an invalid model."""
@@ -119,7 +121,7 @@ class Trials:
         self.archive: list[Score] = []
         with compiling("the closed loop"):
             self.reference = self.results(default_setting())
-        self.delivered = self._keep(default_setting(), self.reference)
+        self.default_score = self._add_score(default_setting(), self.reference)
 
     def record(self, setting: Setting, sea: Sea) -> Record:
         """Simulate a sea with a setting; return its record."""
@@ -138,17 +140,17 @@ class Trials:
             record = self.record(setting, self.seas[number])
             measure(self.legs, record.heading_rad[first:-1], record.rudder_rad[first:-1], results[number])
 
-        # Compiled code releases the global interpreter lock.
+        # Threads are faster because compiled code releases the global interpreter lock.
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             list(pool.map(sail, range(len(self.cases))))
         return results
 
     def score(self, setting: Setting) -> Score:
         """Return the score of a setting, from the archive if it has one."""
-        known = next((score for score in self.archive if score.setting == setting), None)
-        return known or self._keep(setting, self.results(setting))
+        archived = next((score for score in self.archive if score.setting == setting), None)
+        return archived or self._add_score(setting, self.results(setting))
 
-    def _keep(self, setting: Setting, results: Floats) -> Score:
+    def _add_score(self, setting: Setting, results: Floats) -> Score:
         ratio = results[:, ITAE] / self.reference[:, ITAE]
         score = Score(
             setting,
@@ -166,4 +168,4 @@ class Trials:
 
     def travel(self, score: Score) -> float:
         """Return the rudder travel of a score relative to the defaults."""
-        return score.travel_deg_per_h / max(self.delivered.travel_deg_per_h, 1e-9)
+        return score.travel_deg_per_h / max(self.default_score.travel_deg_per_h, 1e-9)

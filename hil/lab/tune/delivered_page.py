@@ -43,11 +43,11 @@ def write(report: Report, path: Path) -> tuple[Path, Path]:
 
 
 def _page(report: Report, png: bytes) -> str:
-    lead = f"{report.tuned.evaluations} settings in {len(report.trials.cases)} trial runs each, seed {report.seed}"
+    summary = f"{report.tuned.evaluations} settings in {len(report.trials.cases)} trial runs each, seed {report.seed}"
     return page.page(
         f"Tuning of {report.vehicle}",
         [
-            page.paragraph(lead, "lead"),
+            page.paragraph(summary, "lead"),
             page.image(png, "settings, headings and rudders"),
             page.bullets(choice_lines(report)),
             page.heading("Defaults (left) and the chosen setting (right)"),
@@ -61,30 +61,30 @@ def _page(report: Report, png: bytes) -> str:
 
 def _draw(report: Report, path: Path) -> None:
     figure = new_figure(f"Tuning of {report.vehicle}", *SIZE_INCHES)
-    tried, headings, rudders = figure.subplots(1, 3)
-    _tried(tried, report)
-    delivered = _run(report, default_setting())
+    settings_axes, headings_axes, rudders_axes = figure.subplots(1, 3)
+    _draw_settings(settings_axes, report)
+    delivered = _simulate(report, default_setting())
     runs = [("defaults", GOAL, delivered)]
-    if not report.tuned.kept:
-        runs.append(("chosen", HULL, _run(report, report.tuned.chosen.setting)))
+    if not report.tuned.keeps_defaults:
+        runs.append(("chosen", HULL, _simulate(report, report.tuned.chosen.setting)))
     goal_deg = delivered[0].goal_rad * DEGREES_PER_RADIAN
-    headings.plot(delivered[0].time_s, goal_deg, color=INK, lw=1.0, ls="--", label="goal")
+    headings_axes.plot(delivered[0].time_s, goal_deg, color=INK, lw=1.0, ls="--", label="goal")
     for name, colour, (truth, travel) in runs:
-        headings.plot(truth.time_s, truth.heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
+        headings_axes.plot(truth.time_s, truth.heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
         rudder_deg, label = truth.rudder_rad * DEGREES_PER_RADIAN, f"{name}: {travel:.0f} deg/h"
-        rudders.plot(truth.time_s, rudder_deg, color=colour, lw=0.8, label=label)
-    case = report.fresh.cases[0].text
-    name_panel(headings, f"hull's heading, {case}", x="time, s", y="deg")
-    name_panel(rudders, f"rudder, {case}", x="time, s", y="deg")
-    add_legend(headings)
-    add_headroom(rudders)
-    add_legend(rudders)
-    for axes in (tried, headings, rudders):
+        rudders_axes.plot(truth.time_s, rudder_deg, color=colour, lw=0.8, label=label)
+    case = report.fresh_trials.cases[0].text
+    name_panel(headings_axes, f"hull's heading, {case}", x="time, s", y="deg")
+    name_panel(rudders_axes, f"rudder, {case}", x="time, s", y="deg")
+    add_legend(headings_axes)
+    add_headroom(rudders_axes)
+    add_legend(rudders_axes)
+    for axes in (settings_axes, headings_axes, rudders_axes):
         finish(axes)
     figure.savefig(path)
 
 
-def _tried(axes: Any, report: Report) -> None:
+def _draw_settings(axes: Any, report: Report) -> None:
     trials = report.trials
     scores = [score for score in trials.archive if score.error < 4.0]
     axes.plot([trials.travel(score) for score in scores], [score.error for score in scores], ".", color=COMPASS, ms=4)
@@ -95,8 +95,8 @@ def _tried(axes: Any, report: Report) -> None:
     axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
 
 
-def _run(report: Report, setting: Setting) -> tuple[Truth, float]:
-    """Return a run of the first case in fresh seas, and its rudder travel."""
-    record = report.fresh.record(setting, report.fresh.seas[0])
-    travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
-    return sailing.truth_of(record, report.fresh.goals), travel
+def _simulate(report: Report, setting: Setting) -> tuple[Truth, float]:
+    """Simulate the first case of the fresh seas; return the run and its rudder travel [deg/h]."""
+    record = report.fresh_trials.record(setting, report.fresh_trials.seas[0])
+    travel = float(report.fresh_trials.results(setting)[0, TRAVEL]) * DEG_PER_H
+    return sailing.truth_of(record, report.fresh_trials.goals), travel

@@ -1,4 +1,4 @@
-"""Closed loop of ship and autopilot, compiled, for the trial runs of the tuner.
+"""Compiled closed loop of ship and autopilot for the trial runs of the tuner of fixed gains.
 
 The ship is the K-T equation; the autopilot consists of the firmware's own functions (hil/lab/numeric_core.py):
 observer, S-surface and rudder limits. Late, missing and invalid samples are not simulated.
@@ -24,8 +24,8 @@ from hil.lab.numeric_core import fixed_gain, law, rudder_limit
 
 Floats = NDArray[np.float64]
 
-COUNT_RAD = 2.0 * math.pi / 4096.0  # the servo's encoder: 0.088 deg
-RESOLUTION_RAD = math.pi / 1800.0  # 0.1 deg in the compass sentence
+COUNT_RAD = 2.0 * math.pi / 4096.0  # step of the servo's encoder: 0.088 deg
+RESOLUTION_RAD = math.pi / 1800.0  # step of the compass sentence: 0.1 deg
 
 # Columns of the results of a case.
 ITAE, RMS, MEAN, TRAVEL, OVERSHOOT = range(5)
@@ -41,8 +41,8 @@ AUTOPILOT_STATES = 5
 class Autopilot(NamedTuple):
     """Settings of the autopilot without the searched parameters.
 
-    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s its limit of the
-    yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
+    turning_ability_1_s, turning_lag_s: observer's model (MDL_K, MDL_T_S). rate_limit_rad_s: its limit of the yaw rate.
+    rate_max_rad_s: the controller divides the yaw rate by it.
     """
 
     turning_ability_1_s: float
@@ -68,7 +68,7 @@ class Seas(NamedTuple):
     """The ships and their disturbances, a row for each case.
 
     ships: K, T, alpha and the number of Runge-Kutta steps in a tick. compass_rad: waves and noise of the compass at
-    each tick. offset_rad: the rudder angle at which the boat runs straight, at each tick.
+    each tick. offset_rad: the rudder angle at which the boat goes straight, at each tick.
     """
 
     ships: Floats
@@ -78,7 +78,7 @@ class Seas(NamedTuple):
 
 @compiled
 def start_autopilot(state: Floats, setting: Floats, autopilot: Autopilot, measured_rad: float, step_s: float) -> None:
-    """Fill the autopilot's state at its first sample, with the rudder centred."""
+    """Initialise the autopilot's state with the first compass reading and a centred rudder."""
     state[HEADING_RAD], state[YAW_RATE_RAD_S], state[COMMAND_RAD] = measured_rad, 0.0, 0.0
     state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), decay_over(step_s, autopilot.turning_lag_s)
 
@@ -94,7 +94,7 @@ def autopilot_command(
     rudder_rad: float,
     step_s: float,
 ) -> float:
-    """Return the rudder command of a tick from compass and servo; the first sample is already in the state."""
+    """Return the rudder command of a tick from compass and servo; at tick 0 the reading is already in the state."""
     heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
     if tick > 0:
         heading_rad, yaw_rate_rad_s = fixed_gain.predict(
@@ -126,7 +126,7 @@ def compass_reading(heading_rad: float) -> float:
 
 
 @compiled
-def counted(angle_rad: float) -> float:
+def rounded_to_counts(angle_rad: float) -> float:
     """Return an angle rounded to counts of the servo's encoder."""
     return math.floor(angle_rad / COUNT_RAD + 0.5) * COUNT_RAD
 
@@ -142,7 +142,7 @@ def closed_loop(
     heading_rad: Floats,
     rudder_rad: Floats,
 ) -> None:
-    """Simulate a case with a setting; fill the hull's heading [rad, unwrapped] and the rudder [rad] at each tick.
+    """Simulate a case; write the hull's heading [rad, unwrapped] and the rudder [rad] at each tick.
 
     In a tick the autopilot reads compass and servo and then commands the rudder. The servo angle is that of the
     previous tick, as on the boat.
@@ -150,63 +150,65 @@ def closed_loop(
     step_s = task.step_s
     inner_steps = int(ship[3])
     inner_s = step_s / inner_steps
-    reach_rad = autopilot.servo_slew_rad_s * inner_s
-    psi = r = angle = counted_rad = 0.0
+    max_change_rad = autopilot.servo_slew_rad_s * inner_s
+    psi = r = angle = measured_rudder_rad = 0.0
     state = np.zeros(AUTOPILOT_STATES)
     start_autopilot(state, setting, autopilot, compass_reading(compass_rad[0]), step_s)
     for tick in range(heading_rad.size):
         heading_rad[tick], rudder_rad[tick] = psi, angle
         goal_rad = task.goals_rad[tick // task.leg_ticks]
         measured_rad = compass_reading(psi + compass_rad[tick])
-        command = autopilot_command(state, setting, autopilot, tick, goal_rad, measured_rad, counted_rad, step_s)
-        counted_rad = counted(angle)
-        target = counted(command)
+        command = autopilot_command(
+            state, setting, autopilot, tick, goal_rad, measured_rad, measured_rudder_rad, step_s
+        )
+        measured_rudder_rad = rounded_to_counts(angle)
+        target = rounded_to_counts(command)
         for _ in range(inner_steps):
-            after = angle + clamp(target - angle, -reach_rad, reach_rad)
-            psi, r = rk4_step(psi, r, 0.5 * (angle + after), inner_s, ship[0], ship[1], ship[2], offset_rad[tick])
-            angle = after
+            next_angle = angle + clamp(target - angle, -max_change_rad, max_change_rad)
+            psi, r = rk4_step(psi, r, 0.5 * (angle + next_angle), inner_s, ship[0], ship[1], ship[2], offset_rad[tick])
+            angle = next_angle
 
 
 @compiled
 def measure(task: Task, heading_rad: Floats, rudder_rad: Floats, results: Floats) -> None:
-    """Fill the results of a run; errors are heading minus goal [rad].
+    """Compute the results of a run; errors are heading minus goal [rad].
 
-    ITAE is the mean absolute error weighted by the time since the goal, RMS and TRAVEL [rad/s] are those of the steady
-    parts, MEAN is the largest mean error of a steady part, OVERSHOOT the largest of all legs relative to the step.
+    ITAE: mean absolute error, weighted by the time since the goal. RMS and TRAVEL [rad/s]: over the steady parts. MEAN:
+    largest mean error of a steady part. OVERSHOOT: the largest of all legs, relative to the step.
     """
     legs = task.goals_rad.size
     results[:] = 0.0
     start_rad = heading_rad[0]
-    steady = legs * (task.leg_ticks - task.steady_ticks)
+    total_steady_ticks = legs * (task.leg_ticks - task.steady_ticks)
     for leg in range(legs):
         first = leg * task.leg_ticks
         goal_rad = task.goals_rad[leg]
-        way_rad = start_rad - goal_rad
-        side = 1.0 if way_rad > 0.0 else -1.0
-        weighted = weights = mean = beyond = 0.0
+        step_rad = start_rad - goal_rad
+        side = 1.0 if step_rad > 0.0 else -1.0
+        weighted_error = weight_sum = mean = overshoot_rad = 0.0
         for tick in range(task.leg_ticks):
             error_rad = heading_rad[first + tick] - goal_rad
-            weighted += tick * abs(error_rad)
-            weights += tick
+            weighted_error += tick * abs(error_rad)
+            weight_sum += tick
             if tick >= task.steady_ticks:
                 results[RMS] += error_rad * error_rad
                 mean += error_rad
                 results[TRAVEL] += abs(rudder_rad[first + tick] - rudder_rad[first + tick - 1])
             else:
-                beyond = max(beyond, -side * error_rad)
-        results[ITAE] += weighted / weights / legs
+                overshoot_rad = max(overshoot_rad, -side * error_rad)
+        results[ITAE] += weighted_error / weight_sum / legs
         mean /= task.leg_ticks - task.steady_ticks
         if abs(mean) > abs(results[MEAN]):
             results[MEAN] = mean
-        results[OVERSHOOT] = max(results[OVERSHOOT], beyond / max(abs(way_rad), 1e-9))
+        results[OVERSHOOT] = max(results[OVERSHOOT], overshoot_rad / max(abs(step_rad), 1e-9))
         start_rad = heading_rad[first + task.leg_ticks - 1]
-    results[RMS] = math.sqrt(results[RMS] / steady)
-    results[TRAVEL] /= steady * task.step_s
+    results[RMS] = math.sqrt(results[RMS] / total_steady_ticks)
+    results[TRAVEL] /= total_steady_ticks * task.step_s
 
 
 @compiled
 def run_all(settings: Floats, autopilot: Autopilot, task: Task, seas: Seas, results: Floats) -> None:
-    """Fill the results (settings, cases, RESULTS) of every setting (k1, k2, tau [s], deadband [rad]) in every case."""
+    """Compute the results (settings, cases, RESULTS); a setting is k1, k2, tau [s] and deadband [rad]."""
     ticks = task.goals_rad.size * task.leg_ticks
     heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
     for number in range(settings.shape[0]):

@@ -48,27 +48,27 @@ def draw(report: Report, path: Path) -> None:
     """Write the plot as a PNG file."""
     figure = new_figure(f"Tuning of {report.vehicle}", *SIZE_INCHES)
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
-    upper = top.subplots(1, 1 + len(report.studies))
-    for axes, study in zip(upper, report.studies, strict=False):
-        shades = _plane(axes, study)
-    # One scale for all maps, since labels on the lines would overlap.
-    bar = top.colorbar(shades, ax=upper[len(report.studies) - 1], format="+%g %%", pad=0.03, aspect=30)
-    bar.ax.tick_params(colors=INK, labelsize=7, length=0)
-    bar.outline.set_visible(False)
-    _front(upper[-1], report)
-    lower = bottom.subplots(1, 2)
-    _headings(lower[0], report)
-    _rudders(lower[1], report)
-    for axes in (*upper, *lower):
+    upper_axes = top.subplots(1, 1 + len(report.studies))
+    for axes, study in zip(upper_axes, report.studies, strict=False):
+        contours = _draw_map(axes, study)
+    # One colour scale for all maps, because labels on the contours would overlap.
+    colour_bar = top.colorbar(contours, ax=upper_axes[len(report.studies) - 1], format="+%g %%", pad=0.03, aspect=30)
+    colour_bar.ax.tick_params(colors=INK, labelsize=7, length=0)
+    colour_bar.outline.set_visible(False)
+    _draw_front(upper_axes[-1], report)
+    lower_axes = bottom.subplots(1, 2)
+    _draw_headings(lower_axes[0], report)
+    _draw_rudders(lower_axes[1], report)
+    for axes in (*upper_axes, *lower_axes):
         finish(axes)
     figure.savefig(path)
 
 
-def _plane(axes: Any, study: StepStudy) -> Any:
+def _draw_map(axes: Any, study: StepStudy) -> Any:
     """Draw the excess of J over k1 and k2 with the paper's gains and the optimum; return the contours."""
     excess = 100.0 * (study.itae_map / study.best_itae - 1.0)
     palette = colormaps["Blues_r"](np.linspace(0.25, 0.98, len(EXCESS_PERCENT) - 1))
-    shades = axes.contourf(study.k1, study.k2, np.clip(excess, 0.0, 499.0), levels=EXCESS_PERCENT, colors=palette)
+    contours = axes.contourf(study.k1, study.k2, np.clip(excess, 0.0, 499.0), levels=EXCESS_PERCENT, colors=palette)
     axes.contour(study.k1, study.k2, excess, levels=EXCESS_PERCENT[1:-1], colors="white", linewidths=0.6)
     best = study.swarm.best
     axes.plot(paper.PAPER_K1, paper.PAPER_K2, "o", color=GOAL, ms=8, mec="white", clip_on=False, zorder=5)
@@ -85,16 +85,16 @@ def _plane(axes: Any, study: StepStudy) -> Any:
         arrowprops={"arrowstyle": "-", "color": INK},
     )  # fmt: skip
     name_panel(axes, f"ITAE of a {study.step_deg:g}° step, above the optimum", x="k1", y="k2")
-    return shades
+    return contours
 
 
-def _front(axes: Any, report: Report) -> None:
+def _draw_front(axes: Any, report: Report) -> None:
     tuned, trials = report.tuned, report.trials
     scores = [score for score in trials.archive if score.error < 4.0]
-    axes.plot(*_places(scores), ".", color=COMPASS, ms=2.5)
-    axes.plot(*_places([score for score in tuned.front if score.error < 4.0]), color=HULL, lw=1.6, label="front")
-    axes.plot(*_places([trials.paper]), "o", color=GOAL, ms=8, mec="white", label="the paper's 40, 0.3")
-    axes.plot(*_places([tuned.chosen]), "*", color=COMMAND, ms=15, mec=INK, mew=0.6, label="chosen")
+    axes.plot(*_coordinates(scores), ".", color=COMPASS, ms=2.5)
+    axes.plot(*_coordinates([score for score in tuned.front if score.error < 4.0]), color=HULL, lw=1.6, label="front")
+    axes.plot(*_coordinates([trials.paper]), "o", color=GOAL, ms=8, mec="white", label="the paper's 40, 0.3")
+    axes.plot(*_coordinates([tuned.chosen]), "*", color=COMMAND, ms=15, mec=INK, mew=0.6, label="chosen")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis, ticks in ((axes.xaxis, TRAVEL_TICKS), (axes.yaxis, ERROR_TICKS)):
@@ -108,11 +108,11 @@ def _front(axes: Any, report: Report) -> None:
     axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
 
 
-def _places(scores: list[Score]) -> tuple[list[float], list[float]]:
+def _coordinates(scores: list[Score]) -> tuple[list[float], list[float]]:
     return [score.travel_deg_per_h / THOUSAND for score in scores], [score.error for score in scores]
 
 
-def _headings(axes: Any, report: Report) -> None:
+def _draw_headings(axes: Any, report: Report) -> None:
     first = report.traces[0]
     axes.plot(first.time_s, first.goal_rad * DEGREES_PER_RADIAN, color=INK, lw=1.0, ls="--", label="goal")
     for trace, colour in zip(report.traces, (GOAL, HULL), strict=True):
@@ -121,7 +121,7 @@ def _headings(axes: Any, report: Report) -> None:
     add_legend(axes)
 
 
-def _rudders(axes: Any, report: Report) -> None:
+def _draw_rudders(axes: Any, report: Report) -> None:
     for trace, colour, width in zip(report.traces, (GOAL, HULL), (0.5, 1.1), strict=True):
         axes.plot(trace.time_s, trace.rudder_rad * DEGREES_PER_RADIAN, color=colour, lw=width, label=_label(trace))
     add_headroom(axes)

@@ -56,7 +56,7 @@ def fill_itae(
 
 @dataclass(frozen=True, slots=True)
 class StepStudy:
-    """One step: ITAE [deg s^2] over (k2, k1), the optimum of the swarm, and the results of the paper's gains."""
+    """Results for one step: ITAE [deg s^2] over (k2, k1), optimum of the swarm, and results of the paper's gains."""
 
     step_deg: float
     k1: Floats
@@ -69,7 +69,7 @@ class StepStudy:
 
     @property
     def best_itae(self) -> float:
-        """Return the smallest ITAE of swarm and map."""
+        """Return the smaller of the smallest ITAE of the swarm and of the map."""
         return min(self.swarm.best_value, float(np.min(self.itae_map)))
 
     @property
@@ -81,7 +81,7 @@ class StepStudy:
 def study(step_deg: float, model: KtModel, autopilot: Autopilot, seed: int) -> StepStudy:
     """Compute the map of a step and search it with the fish swarm; raise ValueError for an invalid model."""
     step_rad = radians(step_deg)
-    # Long enough for the slowest reasonable turn.
+    # The response is long enough for the slowest reasonable turn.
     step_s = 2.5 * (step_rad / autopilot.rate_max_rad_s + 5.0 * model.turning_lag_s) / TICKS_PER_RESPONSE
     ship = np.array([model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, steps_in(model, step_s)])
 

@@ -13,16 +13,16 @@ from firmware_py.common.parameters import format_file
 from hil.lab.tune import delivered
 from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats, closed_loop
 from hil.lab.tune.paper import StepStudy
-from hil.lab.tune.search import Tuned
+from hil.lab.tune.search import TuningResult
 from hil.lab.tune.trials import DEG_PER_H, FIXED_GAINS, PAPER, Score, Setting, Trials
 
-PLOTTED = "sea"  # the scenario whose runs are plotted, if it is among the cases
+PLOTTED_SCENARIO = "sea"  # if it is among the cases; otherwise the first case is plotted
 COLUMNS = ("case", "rms deg", "largest mean deg", "travel deg/h", "rms deg", "largest mean deg", "travel deg/h")
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A run of one case, for the plot; its rudder travel is that of the steady parts."""
+    """A run of one case for the plot; the rudder travel is that of the steady parts."""
 
     name: str
     time_s: Floats
@@ -34,9 +34,9 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A tuning: the problem of the paper, the practical one, and the results of the choice in fresh seas.
+    """Result of a tuning: the problem of the paper, the practical one, and the results of the choice in fresh seas.
 
-    fresh: the same cases with other waves and noise. delivered: the default controller in the same seas.
+    fresh_trials: the same cases with other waves and noise. delivered: the default controller in the same seas.
     """
 
     vehicle: str
@@ -44,8 +44,8 @@ class Report:
     present: Setting
     studies: tuple[StepStudy, ...]
     trials: Trials
-    fresh: Trials
-    tuned: Tuned
+    fresh_trials: Trials
+    tuned: TuningResult
     fresh_score: Score
     delivered: delivered.Trials
     seconds: float
@@ -54,21 +54,21 @@ class Report:
     def traces(self) -> tuple[Trace, Trace]:
         """Return runs of the paper's gains and of the chosen setting in the plotted case."""
         return (
-            _trace("the paper's", self.fresh, self._plotted_row(), PAPER),
-            _trace("chosen", self.fresh, self._plotted_row(), self.tuned.chosen.setting),
+            _simulate("the paper's", self.fresh_trials, self._plotted_row(), PAPER),
+            _simulate("chosen", self.fresh_trials, self._plotted_row(), self.tuned.chosen.setting),
         )
 
     @property
     def plotted_case(self) -> str:
         """Return the name of the plotted case."""
-        return self.fresh.cases[self._plotted_row()].scenario.name
+        return self.fresh_trials.cases[self._plotted_row()].scenario.name
 
     def _plotted_row(self) -> int:
-        names = [case.scenario.name if case.nominal else "" for case in self.fresh.cases]
-        return names.index(PLOTTED) if PLOTTED in names else 0
+        names = [case.scenario.name if case.is_nominal else "" for case in self.fresh_trials.cases]
+        return names.index(PLOTTED_SCENARIO) if PLOTTED_SCENARIO in names else 0
 
 
-def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
+def _simulate(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
     task, seas = trials.task, trials.seas
     ticks = task.goals_rad.size * task.leg_ticks
     heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
@@ -88,19 +88,21 @@ def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
 
 
 def parameter_file(report: Report) -> str:
-    """Return the chosen parameters that differ from the vehicle's as `NAME VALUE` lines."""
+    """Return a parameter file with the chosen parameters that differ from the vehicle's."""
     chosen = report.tuned.chosen
-    head = [
-        f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.why}.",
+    header = [
+        f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.reason}.",
         (
             f"# Error {chosen.error:.2f} and rudder travel {chosen.travel_deg_per_h / _paper_travel(report):.2f} of "
             "those of the paper's gains 40, 0.3 in the same trial runs."
         ),
     ]
     values = chosen.setting.parameters()
-    head += [f"# {line}" for line in switched_off_lines(report)]
+    header += [f"# {line}" for line in switched_off_lines(report)]
     return (
-        "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
+        "\n".join(header)
+        + "\n"
+        + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed_names}})
     )
 
 
@@ -118,8 +120,8 @@ def as_json(report: Report) -> dict[str, Any]:
         "reference": _score_json(report.trials.paper),
         "chosen": {
             **_score_json(chosen),
-            "why": report.tuned.why,
-            "parameters": {name: chosen.setting.parameters()[name] for name in report.tuned.changed},
+            "why": report.tuned.reason,
+            "parameters": {name: chosen.setting.parameters()[name] for name in report.tuned.changed_names},
         },
         "fresh_seas": _score_json(report.fresh_score),
         "front": [_score_json(score) for score in report.tuned.front],
@@ -165,9 +167,9 @@ def _score_json(score: Score) -> dict[str, Any]:
 
 
 def _cases_json(report: Report) -> list[dict[str, Any]]:
-    results = report.fresh.results([PAPER, report.tuned.chosen.setting])
+    results = report.fresh_trials.results([PAPER, report.tuned.chosen.setting])
     rows = []
-    for number, case in enumerate(report.fresh.cases):
+    for number, case in enumerate(report.fresh_trials.cases):
         row: dict[str, Any] = {
             "scenario": case.scenario.name,
             "speed_m_s": case.scenario.speed_m_s,
@@ -187,11 +189,11 @@ def _cases_json(report: Report) -> list[dict[str, Any]]:
 
 
 def case_rows(report: Report) -> list[Sequence[str]]:
-    """Return the table of the nominal ships: paper's gains and chosen setting."""
-    results = report.fresh.results([PAPER, report.tuned.chosen.setting])
+    """Return the table of results of the paper's gains and of the chosen setting, for the nominal ships."""
+    results = report.fresh_trials.results([PAPER, report.tuned.chosen.setting])
     rows: list[Sequence[str]] = [COLUMNS]
-    for number, case in enumerate(report.fresh.cases):
-        if case.nominal:
+    for number, case in enumerate(report.fresh_trials.cases):
+        if case.is_nominal:
             cells = [case.scenario.name]
             for result in results[:, number]:
                 cells += [
@@ -216,33 +218,39 @@ def choice_lines(report: Report) -> list[str]:
     """Return lines with the choice, its reason and its scores."""
     chosen, fresh = report.tuned.chosen, report.fresh_score
     values = chosen.setting.parameters()
-    named = ", ".join(f"{name} {values[name]:g}" for name in report.tuned.changed)
+    changed_text = ", ".join(f"{name} {values[name]:g}" for name in report.tuned.changed_names)
     lines = [
-        f"chosen: {named} ({report.tuned.why})",
+        f"chosen: {changed_text} ({report.tuned.reason})",
         (
             f"error {chosen.error:.2f} x the paper's (largest {chosen.worst_error:.2f} x), rudder travel "
             f"{chosen.travel_deg_per_h:.0f} deg/h against {report.trials.paper.travel_deg_per_h:.0f}"
         ),
         (
             f"in fresh seas: error {fresh.error:.2f} x, rudder travel "
-            f"{fresh.travel_deg_per_h:.0f} deg/h against {report.fresh.paper.travel_deg_per_h:.0f}"
+            f"{fresh.travel_deg_per_h:.0f} deg/h against {report.fresh_trials.paper.travel_deg_per_h:.0f}"
         ),
     ]
-    edges = report.tuned.edges
+    edges = report.tuned.limit_texts
     if edges:
         lines.append(f"at a limit of the search: {', '.join(edges)}")
     return lines
 
 
 def _switched_off(report: Report) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
-    """Return rms [deg] and travel [deg/h] of default controller and choice in each sea with the nominal ship."""
-    own = report.fresh.results([report.tuned.chosen.setting])[0]
-    ours = {case.scenario.name: own[number] for number, case in enumerate(report.fresh.cases) if case.nominal}
+    """Return, for each sea with the nominal ship, rms [deg] and travel [deg/h] of default controller and choice."""
+    results_of_choice = report.fresh_trials.results([report.tuned.chosen.setting])[0]
+    choice_by_sea = {
+        case.scenario.name: results_of_choice[number]
+        for number, case in enumerate(report.fresh_trials.cases)
+        if case.is_nominal
+    }
     rows = []
     for case, result in zip(report.delivered.cases, report.delivered.reference, strict=True):
-        if case.ship == delivered.SHIPS[0]:
-            theirs, mine = ((one[RMS], one[TRAVEL]) for one in (result, ours[case.scenario.name]))
-            rows.append((case.text, _in_degrees(*theirs), _in_degrees(*mine)))
+        if case.ship == delivered.SHIP_FACTORS[0]:
+            default_figures, choice_figures = (
+                (row[RMS], row[TRAVEL]) for row in (result, choice_by_sea[case.scenario.name])
+            )
+            rows.append((case.text, _in_degrees(*default_figures), _in_degrees(*choice_figures)))
     return rows
 
 
@@ -251,7 +259,7 @@ def _in_degrees(rms_rad: float, travel_rad_s: float) -> tuple[float, float]:
 
 
 def switched_off_lines(report: Report) -> list[str]:
-    """Return lines that warn that these parameters switch the default controller off, with the consequences."""
+    """Return lines that warn that the parameters switch the default controller off, and show the consequences."""
     lines = ["the file switches the default controller off (CTL_MODE 0, EST_MODE 0); consequences in the same seas:"]
     for name, (rms, travel), (own_rms, own_travel) in _switched_off(report):
         lines.append(

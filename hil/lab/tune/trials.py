@@ -19,7 +19,7 @@ from hil.lab.tune import paper
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, run_all
 
 DEG_PER_H = DEGREES_PER_RADIAN * 3600.0
-# The controller of these gains: the S-surface with the fixed-gain observer.
+# These values select the S-surface with the fixed-gain observer.
 FIXED_GAINS = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
 NAMES = ("CTL_K1", "CTL_K2", "EST_TAU_S", "RUD_DBAND_DEG")
 
@@ -53,7 +53,7 @@ PAPER = Setting(
 class Score:
     """Score of a setting.
 
-    `error` is the root mean square over the cases of its ITAE relative to that of the paper's gains, `worst_error` the
+    `error` is the root mean square over the cases of the ITAE relative to that of the paper's gains, `worst_error` the
     largest ratio. `travel_deg_per_h` is the mean rudder travel of the steady parts.
     """
 
@@ -64,7 +64,7 @@ class Score:
 
 
 class Trials:
-    """The trial runs of a vehicle, with an archive of all scores."""
+    """Trial runs of a vehicle, with an archive of all scores."""
 
     def __init__(
         self,
@@ -117,18 +117,18 @@ class Trials:
         return cost if math.isfinite(cost) else math.inf
 
 
-def front(scores: Sequence[Score]) -> list[Score]:
+def pareto_front(scores: Sequence[Score]) -> list[Score]:
     """Return the Pareto front of error and travel, sorted by travel."""
-    best = math.inf
-    kept = []
+    lowest_error = math.inf
+    pareto_scores = []
     for score in sorted(scores, key=lambda score: (score.travel_deg_per_h, score.error)):
-        if score.error < best:
-            best = score.error
-            kept.append(score)
-    return kept
+        if score.error < lowest_error:
+            lowest_error = score.error
+            pareto_scores.append(score)
+    return pareto_scores
 
 
-def knee(scores: Sequence[Score]) -> Score:
+def knee_of(scores: Sequence[Score]) -> Score:
     """Return the score of a front that is farthest below the line between its ends, on logarithmic axes.
 
     The axes are logarithmic because relative changes of error and travel are compared.

@@ -44,7 +44,7 @@ class Task(NamedTuple):
     goals_rad: Floats
 
 
-# Further state of the autopilot; NaN is an absent value. `goals` is the number of goals received.
+# Other state of the autopilot; NaN is an absent value. `goals` is the number of goals received.
 STATE = np.dtype(
     [
         *(
@@ -60,7 +60,7 @@ STATE = np.dtype(
 
 
 class EstimatorState(NamedTuple):
-    """State of the estimators, and time and interval of headings and fixes."""
+    """State of the estimators; times and intervals of the newest heading and fix."""
 
     heading: heading_tick.HeadingTick
     water: water.WaterState
@@ -71,9 +71,9 @@ class EstimatorState(NamedTuple):
 
 
 class TickEstimate(NamedTuple):
-    """Results of the estimators at a tick, for control law, monitors and record.
+    """Results of the estimators at a tick for control law, monitors and record.
 
-    It is separate because functions with the hundreds of numbers of `EstimatorState` compile slowly.
+    It is a separate record because functions with `EstimatorState`, which has hundreds of numbers, compile slowly.
     """
 
     started: bool
@@ -100,9 +100,9 @@ class ControlState(NamedTuple):
 
 def initial_state(boat: Boat) -> tuple[EstimatorState, ControlState]:
     """Return the states before the first tick."""
-    expected = water.initial_state(0.0, 0.0, boat.cruise_speed_m_s)
-    taken = EstimatorState(heading_tick.START, expected, np.nan, np.nan, np.nan, np.nan)
-    return taken, ControlState(law.IDLE, oscillation.START, steering_monitor.START)
+    water_state = water.initial_state(0.0, 0.0, boat.cruise_speed_m_s)
+    estimators = EstimatorState(heading_tick.START, water_state, np.nan, np.nan, np.nan, np.nan)
+    return estimators, ControlState(law.IDLE, oscillation.START, steering_monitor.START)
 
 
 class Autopilot(NamedTuple):
@@ -113,7 +113,10 @@ class Autopilot(NamedTuple):
     law: LawSettings
 
 
-ARMED_S, GUARD_S = 0.28, 0.003  # time of arming and mode change; messages in this time before a tick wait for the next
+ARMED_S, GUARD_S = (
+    0.28,
+    0.003,
+)  # time of arming and mode change; messages within GUARD_S before a tick are received at the next tick
 LOCK_MARGIN_S, LOCK_SLEW, LOCK_GAIN = 0.002, 0.005, 0.1
 PERIOD_S = 1.0 / 10.0
 MAX_STEP_S = 1.0
@@ -121,19 +124,19 @@ MAX_STEP_S = 1.0
 
 @inner
 def begin(a: Autopilot) -> None:
-    """Set the state before the first tick."""
+    """Initialise the state before the first tick."""
     a.state.before_s = a.state.sample_s = a.state.goal_rad = np.nan
 
 
 @inner
 def is_armed(now_s: float) -> bool:
-    """Return whether the boat is armed and in GUIDED at a tick."""
+    """Return whether the boat is armed and in mode GUIDED at a tick."""
     return now_s > ARMED_S + GUARD_S
 
 
 @inner
-def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
-    """Take the goals received by the tick; without one, keep the heading."""
+def receive_goals(a: Autopilot, task: Task, now_s: float) -> None:
+    """Store the newest goal received before the tick; without any goal, the present heading becomes the goal."""
     state = a.state
     if not is_armed(now_s):
         return
@@ -148,55 +151,55 @@ def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
 
 
 @inner
-def steer(a: Autopilot, control: ControlState, seen: TickEstimate, now_s: float) -> ControlState:
-    """Update the limit cycle and steering monitors and set the next rudder command."""
-    state, boat, estimate = a.state, a.boat, seen.estimate
+def steer(a: Autopilot, control: ControlState, tick: TickEstimate, now_s: float) -> ControlState:
+    """Update the limit-cycle and steering monitors, and compute the next rudder command."""
+    state, boat, estimate = a.state, a.boat, tick.estimate
     step_s = 0.0 if math.isnan(state.before_s) else min(max(0.0, now_s - state.before_s), MAX_STEP_S)
-    armed = is_armed(now_s)
-    lost_after_s = sample_timeout.timeout_s(seen.heading_interval_s, boat.compass_timeout_s)
-    steered = armed and now_s - state.sample_s <= lost_after_s and not math.isnan(state.goal_rad)
-    state.error_rad = wrap_pi(state.goal_rad - state.heading_rad) if steered else np.nan
-    state.heading_sd_rad = seen.heading_sd_rad
-    swing = oscillation.OscillationInput(
-        state.error_rad if seen.started else np.nan,
+    is_armed_now = is_armed(now_s)
+    timeout_s = sample_timeout.timeout_s(tick.heading_interval_s, boat.compass_timeout_s)
+    is_steering = is_armed_now and now_s - state.sample_s <= timeout_s and not math.isnan(state.goal_rad)
+    state.error_rad = wrap_pi(state.goal_rad - state.heading_rad) if is_steering else np.nan
+    state.heading_sd_rad = tick.heading_sd_rad
+    oscillation_input = oscillation.OscillationInput(
+        state.error_rad if tick.started else np.nan,
         state.goal_rad,
         state.heading_sd_rad,
         state.command_rad,
         estimate.bias_mean_rad,
         estimate.speed_m_s,
-        seen.wave_period_s,
-        seen.delay_log_ratio,
+        tick.wave_period_s,
+        tick.delay_log_ratio,
     )
-    cycle = oscillation.update(a.law.model, control.oscillation, swing, now_s)
-    given = steering_monitor.SteeringInput(
-        seen.rudder_rad,
-        state.heading_rad if steered else np.nan,
+    oscillation_state = oscillation.update(a.law.model, control.oscillation, oscillation_input, now_s)
+    steering_input = steering_monitor.SteeringInput(
+        tick.rudder_rad,
+        state.heading_rad if is_steering else np.nan,
         state.heading_sd_rad,
         estimate.speed_m_s,
         state.error_rad,
-        seen.compass_rad,
-        seen.disturbance[0],
-        seen.disturbance[1],
+        tick.compass_rad,
+        tick.disturbance[0],
+        tick.disturbance[1],
     )
-    steering = steering_monitor.update(a.law.model, boat.servo_sign < 0.0, control.steering, given, now_s)
-    law_state, demand_rad = law.IDLE, state.command_rad if armed else 0.0
-    if steered and seen.trusted:
+    steering = steering_monitor.update(a.law.model, boat.servo_sign < 0.0, control.steering, steering_input, now_s)
+    law_state, demand_rad = law.IDLE, state.command_rad if is_armed_now else 0.0
+    if is_steering and tick.trusted:
         law_state, demand_rad = law.steer(
-            a.law, control.law, estimate, state.error_rad, state.command_rad, step_s, cycle.gain_reduction
+            a.law, control.law, estimate, state.error_rad, state.command_rad, step_s, oscillation_state.gain_reduction
         )
-    elif steered and seen.started:
+    elif is_steering and tick.started:
         demand_rad = law.s_surface(boat.fixed_gains, state.error_rad, state.rate_rad_s)
     limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
     state.command_rad = rudder_limit.limit_command(limits, state.command_rad, demand_rad, step_s)
     state.before_s = now_s
-    return ControlState(law_state, cycle, steering)
+    return ControlState(law_state, oscillation_state, steering)
 
 
 @inner
 def next_deadline(deadline_s: float, newest_s: float) -> float:
-    """Return the time of the next tick; the ticks are locked to the compass (firmware_py/system/clock.py)."""
+    """Return the time of the next tick; the ticks are synchronised to the compass (firmware_py/system/clock.py)."""
     if math.isnan(newest_s):
         return deadline_s + PERIOD_S
-    ahead_s = deadline_s - (newest_s + LOCK_MARGIN_S)
-    off_s = ahead_s - PERIOD_S * math.floor(ahead_s / PERIOD_S + 0.5)
-    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * off_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S))
+    lead_s = deadline_s - (newest_s + LOCK_MARGIN_S)
+    phase_s = lead_s - PERIOD_S * math.floor(lead_s / PERIOD_S + 0.5)
+    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * phase_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S))

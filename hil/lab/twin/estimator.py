@@ -1,4 +1,4 @@
-"""The estimators of the compiled loop: messages received by a tick, and the firmware's own estimation functions."""
+"""The estimators of the compiled loop: reception of messages and the firmware's own estimation functions."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ EPOCH_TIMEOUT_S = 0.5
 def update(
     a: Autopilot, plant_state: Plant, before: EstimatorState, now_s: float
 ) -> tuple[EstimatorState, TickEstimate]:
-    """Update the estimators with the received headings and fixes (heading_estimator.update).
+    """Update the estimators with the received headings and fixes, and set the heading to steer by.
 
-    It also sets the heading to steer by. It is one function to keep the compilation short (see TickEstimate).
+    See heading_estimator.update. It is one function to keep the compilation short (see TickEstimate).
     """
     state, boat, s, fixes = a.state, a.boat, before.heading, count_fixes(plant_state, now_s)
     model = water.model_at_speed(boat.heading.model, before.water)
     heading_s, interval_s = before.heading_s, before.heading_interval_s
-    # Timeouts from the intervals before this tick: a gap must not extend its own timeout.
+    # Timeouts are based on the intervals before this tick, because a gap must not extend its own timeout.
     lost_after_s = sample_timeout.timeout_s(interval_s, boat.compass_timeout_s)
     fix_lost_after_s = sample_timeout.timeout_s(before.fix_interval_s, boat.position_timeout_s)
     timeouts_s = (lost_after_s, lost_after_s)
@@ -53,39 +53,31 @@ def update(
             latitude_rad, longitude_rad = plant_state.fixes[fix, LATITUDE_RAD], plant_state.fixes[fix, LONGITUDE_RAD]
             water_state, course_rad, sd_rad = water.take_position(water_state, t_s, latitude_rad, longitude_rad)
             s = heading_tick.take_course(s, boat.heading, t_s, course_rad, sd_rad)
-    drop(plant_state, headings, fixes)
+    drop_messages(plant_state, headings, fixes)
     s = heading_tick.end_tick(s, boat.servo_sign * plant_state.feedback_rad)
     f, compass = s.filter, sources.compass_in_use(s.sources)
-    started, by_compass = heading_filter.has_started(f), sources.uses_compass(s.sources)
-    if started:
+    has_started, is_by_compass = heading_filter.has_started(f), sources.uses_compass(s.sources)
+    if has_started:
         state.heading_rad, state.rate_rad_s = heading_tick.heading_at(s, model, now_s)
         if s.sources.in_use == sources.Source.COURSE:
             state.sample_s = now_s
         elif not state.sample_s > f.t_s:
             state.sample_s = f.t_s
-        water_state = water.take_heading(water_state, state.heading_rad, by_compass, now_s - state.steered_s)
+        water_state = water.take_heading(water_state, state.heading_rad, is_by_compass, now_s - state.steered_s)
         state.steered_s = now_s
     water_state = water.update(water_state, now_s)
-    seen = TickEstimate(
-        started,
-        heading_tick.is_trusted(s),
-        heading_tick.estimate_of(s, state.heading_rad, state.rate_rad_s, water_state),
-        heading_tick.heading_sd(s),
-        math.exp(f.levels.wave_period),
-        s.delay.log_ratio,
-        heading_tick.learned_disturbance(s),
-        s.rudder_rad,
-        compass.raw_rad,
-        interval_s,
-        s.check.is_rejected,
-        water_state.verdict.too_strong,
-    )
-    return EstimatorState(s, water_state, heading_s, interval_s, fix_s, fix_interval_s), seen
+    tick = TickEstimate(
+        has_started, heading_tick.is_trusted(s),
+        heading_tick.estimate_of(s, state.heading_rad, state.rate_rad_s, water_state), heading_tick.heading_sd(s),
+        math.exp(f.levels.wave_period), s.delay.log_ratio, heading_tick.learned_disturbance(s), s.rudder_rad,
+        compass.raw_rad, interval_s, s.check.is_rejected, water_state.verdict.too_strong,
+    )  # fmt: skip
+    return EstimatorState(s, water_state, heading_s, interval_s, fix_s, fix_interval_s), tick
 
 
 @inner
 def count_fixes(plant_state: Plant, now_s: float) -> int:
-    """Return the number of received fixes; the first epoch is complete after a time without further sentences."""
+    """Return the number of received fixes; the first epoch is complete after EPOCH_TIMEOUT_S without sentences."""
     if not (plant_state.first_given or now_s - plant_state.first_fix_s > EPOCH_TIMEOUT_S):
         return 0
     count = 0
@@ -96,17 +88,17 @@ def count_fixes(plant_state: Plant, now_s: float) -> int:
 
 
 @inner
-def drop(plant_state: Plant, headings: int, fixes: int) -> None:
-    """Remove the messages of a tick from the queues."""
+def drop_messages(plant_state: Plant, headings: int, fixes: int) -> None:
+    """Remove the processed messages from the queues."""
     plant_state.heading_count -= headings
     plant_state.fix_count -= fixes
-    shift(plant_state.headings, headings, plant_state.heading_count)
-    shift(plant_state.fixes, fixes, plant_state.fix_count)
+    shift_queue(plant_state.headings, headings, plant_state.heading_count)
+    shift_queue(plant_state.fixes, fixes, plant_state.fix_count)
 
 
 @inner
-def shift(queue: Floats, gone: int, left: int) -> None:
-    """Remove the first messages of a queue; `left` messages remain."""
-    for place in range(left):
+def shift_queue(queue: Floats, removed: int, remaining: int) -> None:
+    """Remove the first `removed` messages of a queue; `remaining` messages remain."""
+    for row in range(remaining):
         for field in range(queue.shape[1]):
-            queue[place, field] = queue[gone + place, field]
+            queue[row, field] = queue[removed + row, field]

@@ -1,4 +1,4 @@
-"""Ship and devices between two ticks of the autopilot, in order of time."""
+"""Simulate ship and devices between two ticks of the autopilot, in the order of events."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hil.lab.twin.devices import ARRIVAL_S, FIX_COLUMNS, MESSAGE_RAD, Devices
 from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Floats, Series, Ship
 
 STEPS_PER_ROW = 5
-QUEUE = 16
+QUEUE_SIZE = 16
 
 # The state of ship and devices: hull, shaft, queues of messages and their lengths; the next grid step, compass sample,
 # fix and sample of the receiver's filter; the last row written; whether the first fix has been received.
@@ -22,8 +22,8 @@ PLANT = np.dtype(
     [
         ("hull", np.float64, (HULL_STATES,)),
         ("shaft", np.float64, (3,)),
-        ("headings", np.float64, (QUEUE, 2)),
-        ("fixes", np.float64, (QUEUE, FIX_COLUMNS)),
+        ("headings", np.float64, (QUEUE_SIZE, 2)),
+        ("fixes", np.float64, (QUEUE_SIZE, FIX_COLUMNS)),
         *((name, np.int64) for name in ("heading_count", "fix_count", "step", "sample", "epoch", "filtered", "row")),
         ("first_given", np.bool_),
         *((name, np.float64) for name in ("shaft_rad", "feedback_rad", "north_m_s", "east_m_s", "first_fix_s")),
@@ -33,7 +33,7 @@ Plant = Any  # a record of PLANT
 
 
 class Sea(NamedTuple):
-    """The parts of a run that do not depend on the autopilot."""
+    """All inputs of a run that do not depend on the autopilot."""
 
     ship: Ship
     series: Series
@@ -41,16 +41,16 @@ class Sea(NamedTuple):
 
 
 class Waters(NamedTuple):
-    """Plant of a run: records of ship and devices, the series, and the queue of delayed rudder angles."""
+    """The sea as records for compiled code, and the queue of delayed rudder angles."""
 
     ship: Any
     series: Series
     devices: Any
-    waiting: Floats
+    delayed_rad: Floats
 
 
 class Record(NamedTuple):
-    """Results of a run: heading and rudder ten times a second as in truth.csv, and rows of the ticks."""
+    """Results of a run: heading and rudder ten times per second as in truth.csv, and a row for each tick."""
 
     heading_rad: Floats
     rudder_rad: Floats
@@ -59,17 +59,17 @@ class Record(NamedTuple):
 
 @compiled
 def begin(plant_state: Plant, ship: Ship) -> None:
-    """Start with the rudder centred."""
+    """Initialise the hull, with the rudder centred."""
     ships.begin_hull(plant_state.hull, ship)
     plant_state.first_fix_s = np.nan
 
 
 @compiled
 def advance(plant_state: Plant, waters: Waters, record: Record, next_s: float) -> None:
-    """Advance to the next grid step, at next_s, and write its row."""
+    """Advance to the next grid step, at time next_s, and write its row."""
     step, ship = plant_state.step, waters.ship
     plant_state.shaft_rad = sensing.shaft_angle(plant_state.shaft, next_s)
-    rudder_rad = ships.rudder_in_water(ship, waters.waiting, step, plant_state.shaft_rad)
+    rudder_rad = ships.rudder_in_water(ship, waters.delayed_rad, step, plant_state.shaft_rad)
     ships.step_hull(plant_state.hull, ship, waters.series, step, rudder_rad)
     plant_state.step = step + 1
     row = plant_state.step // STEPS_PER_ROW
@@ -80,7 +80,7 @@ def advance(plant_state: Plant, waters: Waters, record: Record, next_s: float) -
 
 @compiled
 def offset(plant_state: Plant, now_s: float) -> float:
-    """Return the time since the start of the present grid step."""
+    """Return the time since the start of the present grid step, limited to its length."""
     return float(min(max(now_s - plant_state.step / STEPS_PER_SECOND, 0.0), GRID_S))
 
 
@@ -92,15 +92,15 @@ def sense_velocity(plant_state: Plant, waters: Waters, now_s: float) -> None:
         plant_state.hull, ship, waters.series, plant_state.step, offset(plant_state, now_s)
     )
     if devices.filter_s > 0.0 and plant_state.filtered > 0:
-        share = -math.expm1(-sensing.FILTER_SAMPLE_S / devices.filter_s)
-        north_m_s = plant_state.north_m_s + share * (north_m_s - plant_state.north_m_s)
-        east_m_s = plant_state.east_m_s + share * (east_m_s - plant_state.east_m_s)
+        weight = -math.expm1(-sensing.FILTER_SAMPLE_S / devices.filter_s)
+        north_m_s = plant_state.north_m_s + weight * (north_m_s - plant_state.north_m_s)
+        east_m_s = plant_state.east_m_s + weight * (east_m_s - plant_state.east_m_s)
     plant_state.north_m_s, plant_state.east_m_s = north_m_s, east_m_s
 
 
 @compiled
 def receive(plant_state: Plant, waters: Waters, now_s: float) -> None:
-    """Sample the filter of the receiver, or send a fix."""
+    """Process an event of the receiver: sample its velocity filter, or send a fix."""
     devices = waters.devices
     if devices.filter_s > 0.0 and now_s == devices.fix_phase_s + plant_state.filtered * sensing.FILTER_SAMPLE_S:
         sense_velocity(plant_state, waters, now_s)
@@ -109,9 +109,11 @@ def receive(plant_state: Plant, waters: Waters, now_s: float) -> None:
     if not devices.filter_s > 0.0:
         sense_velocity(plant_state, waters, now_s)
     fix = plant_state.fixes[plant_state.fix_count]
-    place_m = ships.position(plant_state.hull, waters.ship, waters.series, plant_state.step, offset(plant_state, now_s))
+    position_m = ships.position(
+        plant_state.hull, waters.ship, waters.series, plant_state.step, offset(plant_state, now_s)
+    )
     sensing.fill_fix(
-        fix, devices, waters.series, plant_state.epoch, place_m, (plant_state.north_m_s, plant_state.east_m_s)
+        fix, devices, waters.series, plant_state.epoch, position_m, (plant_state.north_m_s, plant_state.east_m_s)
     )
     if plant_state.epoch == 0:
         plant_state.first_fix_s = fix[ARRIVAL_S]
@@ -141,8 +143,8 @@ def send_heading(plant_state: Plant, waters: Waters, now_s: float) -> None:
 
 
 @compiled
-def until_tick(plant_state: Plant, waters: Waters, record: Record, deadline_s: float) -> None:
-    """Advance in grid steps until a tick is due; device events before a step come first."""
+def advance_to_tick(plant_state: Plant, waters: Waters, record: Record, deadline_s: float) -> None:
+    """Advance in grid steps until the deadline of a tick; device events before a step are processed first."""
     devices = waters.devices
     while True:
         next_s = (plant_state.step + 1) / STEPS_PER_SECOND

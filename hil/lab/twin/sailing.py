@@ -1,4 +1,4 @@
-"""Simulate a run in the compiled loop: from parameters, a sea and goals to heading and rudder as in truth.csv."""
+"""Simulate a run in the compiled loop: conversion of its parameters, sea, goals and results."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ def boat_of(parameters: ParameterSet) -> Boat:
 
 
 def task_of(goals: Sequence[Goal]) -> Task:
-    """Return the goals, rounded to single precision as in the operator's message."""
-    given = [radians(float(np.float32(compass_degrees(goal.heading_rad)))) for goal in goals]
-    return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(given, np.float64))
+    """Return the goals as the autopilot receives them: rounded to single precision by the message."""
+    headings_rad = [radians(float(np.float32(compass_degrees(goal.heading_rad)))) for goal in goals]
+    return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(headings_rad, np.float64))
 
 
 def sail(
     boat: Boat, law: LawSettings, sea: Sea, task: Task, seconds: float, *, ticks: bool = True
 ) -> tuple[Record, int]:
-    """Simulate a run; return the record, with the rows of the ticks if `ticks`, and the number of ticks."""
+    """Simulate a run; return the record and the number of ticks. `ticks`: store a row for each tick."""
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MAX_EXTRA_TICKS if ticks else 0, TICK_COLUMNS)))
-    # Copies, because threads that count the references of the same array wait for each other.
+    # Copies, because threads that share an array wait for each other when they count its references.
     autopilot = Autopilot(boat, zeros(STATE), law)
-    own_task = Task(task.times_s.copy(), task.goals_rad.copy())
-    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, *initial_state(boat), own_task, record)
+    task_copy = Task(task.times_s.copy(), task.goals_rad.copy())
+    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, *initial_state(boat), task_copy, record)
 
 
 def waters_of(sea: Sea) -> Waters:
@@ -55,28 +55,41 @@ def waters_of(sea: Sea) -> Waters:
     return Waters(record_of(sea.ship), sea.series, record_of(sea.devices), np.zeros(max(1, sea.ship.delay_steps)))
 
 
-def zeros(kind: np.dtype[Any]) -> Any:
+def zeros(dtype: np.dtype[Any]) -> Any:
     """Return a record of zeros."""
-    return np.zeros(1, kind)[0]
+    return np.zeros(1, dtype)[0]
 
 
-def record_of(tuple_: NamedTuple) -> Any:
-    """Convert a named tuple to a record, which is a single argument of compiled code."""
-    kinds = [(n, np.asarray(value).dtype, np.shape(value)) for n, value in zip(tuple_._fields, tuple_, strict=True)]
-    return np.array([tuple_], np.dtype(kinds))[0]
+def record_of(values: NamedTuple) -> Any:
+    """Convert a named tuple to a numpy record, which is a single argument of compiled code."""
+    field_types = [
+        (n, np.asarray(value).dtype, np.shape(value)) for n, value in zip(values._fields, values, strict=True)
+    ]
+    return np.array([values], np.dtype(field_types))[0]
 
 
 def truth_of(record: Record, goals: Sequence[Goal]) -> Truth:
     """Return heading, rudder and goals as in truth.csv; columns that no score uses are 0."""
     heading_rad = record.heading_rad
     rows = heading_rad.size
-    goal_rad, nothing = np.full(rows, np.nan), np.zeros(rows)
+    goal_rad, zero_column = np.full(rows, np.nan), np.zeros(rows)
     for goal in goals:
         first = int(np.ceil(goal.t_s * ROWS_PER_SECOND - 1e-9))
         if first < rows:
-            # Unwrapped to the turn nearest to the heading at that time.
+            # Add full turns, so that the goal is nearest to the unwrapped heading at that time.
             turns = round((float(heading_rad[first]) - goal.heading_rad) / TWO_PI)
             goal_rad[first:] = goal.heading_rad + TWO_PI * turns
     time_s = np.arange(rows) / ROWS_PER_SECOND
     rudder_rad = record.rudder_rad
-    return Truth(time_s, heading_rad, nothing, nothing, rudder_rad, nothing, goal_rad, nothing, nothing, nothing)
+    return Truth(
+        time_s,
+        heading_rad,
+        zero_column,
+        zero_column,
+        rudder_rad,
+        zero_column,
+        goal_rad,
+        zero_column,
+        zero_column,
+        zero_column,
+    )

@@ -1,4 +1,4 @@
-"""The hull in its sea for compiled code: the model of hil/ship on the same time grid, with drawn series."""
+"""The hull in compiled code: the model of hil/ship on the same time grid, with series drawn in advance."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 STEERAGE_M_S = 0.05
 Floats = NDArray[np.float64]
-Series = Floats  # the random processes, one after the other
+Series = Floats  # all random processes of a run in one array
 
 
 class Ship(NamedTuple):
-    """Constants of a ship and of the disturbances of its sea; `has_` flags select the disturbances.
+    """Constants of a ship and of its disturbances; the flags `has_...` select the disturbances.
 
     `_at` are positions of the processes in the series, by grid step. Wave processes have angle and rate: yaw, `orbit`
     along the waves; for a short-crested sea `beside` is the part independent of the yaw, and `alone` replaces the yaw
@@ -94,7 +94,7 @@ HULL_STATES = 14
 
 @compiled
 def set_speed(hull: Floats, ship: Ship, speed_m_s: float) -> None:
-    """Set the model to a speed (KtModel.at_speed)."""
+    """Set the model to the speed `speed_m_s` (KtModel.at_speed)."""
     ratio = speed_m_s / ship.model_speed_m_s
     hull[NOW_K], hull[NOW_T] = ship.ability_1_s * ratio, ship.lag_s / ratio
     hull[NOW_ALPHA] = ship.norrbin_s2 / (ratio * ratio)
@@ -102,7 +102,7 @@ def set_speed(hull: Floats, ship: Ship, speed_m_s: float) -> None:
 
 
 @compiled
-def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
+def set_wave_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
     """Set the model to the wave-driven speed at a grid step."""
     speed_m_s = ship.speed_m_s * series[ship.speed_at + step]
     set_speed(hull, ship, max(speed_m_s, STEERAGE_M_S))
@@ -112,36 +112,36 @@ def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
 
 
 @compiled
-def waves_share(ship: Ship, series: Series, step: int) -> float:
-    """Return the relative wave height."""
+def relative_wave_height(ship: Ship, series: Series, step: int) -> float:
+    """Return the relative wave height at a grid step."""
     return series[ship.waves_at + step] if ship.has_speed else 1.0
 
 
 @compiled
 def process_angle(series: Series, first: int, step: int, since_s: float) -> float:
-    """Return the angle of a wave process, since_s into a grid step."""
-    at = first + 2 * step
-    y0, v0, y1, v1 = series[at], series[at + 1], series[at + 2], series[at + 3]
+    """Return the angle of a wave process, `since_s` after a grid step, by cubic interpolation."""
+    first_index = first + 2 * step
+    y0, v0, y1, v1 = series[first_index], series[first_index + 1], series[first_index + 2], series[first_index + 3]
     h = GRID_S
     x = since_s / h
-    bend = 3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))
-    return float(y0 + x * (h * v0 + x * bend))
+    curvature = 3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))
+    return float(y0 + x * (h * v0 + x * curvature))
 
 
 @compiled
 def process_rate(series: Series, first: int, step: int, since_s: float) -> float:
-    """Return the rate of a wave process, since_s into a grid step."""
-    at = first + 2 * step
-    y0, v0, y1, v1 = series[at], series[at + 1], series[at + 2], series[at + 3]
+    """Return the rate of a wave process, `since_s` after a grid step: the derivative of process_angle."""
+    first_index = first + 2 * step
+    y0, v0, y1, v1 = series[first_index], series[first_index + 1], series[first_index + 2], series[first_index + 3]
     h = GRID_S
     x = since_s / h
-    bend = 6.0 * (y1 - y0) / h - 2.0 * (2.0 * v0 + v1) + x * (6.0 * (y0 - y1) / h + 3.0 * (v0 + v1))
-    return float(v0 + x * bend)
+    curvature = 6.0 * (y1 - y0) / h - 2.0 * (2.0 * v0 + v1) + x * (6.0 * (y0 - y1) / h + 3.0 * (v0 + v1))
+    return float(v0 + x * curvature)
 
 
 @compiled
 def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return the heading of the submerged body with the rudder, unwrapped."""
+    """Return the heading of the glider, which has the rudder, unwrapped."""
     acceleration = yaw_acceleration(
         hull[YAW_RATE],
         hull[RUDDER],
@@ -155,7 +155,7 @@ def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s
 
 @compiled
 def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return the heading of the float with the compass without wave-frequency yaw, unwrapped."""
+    """Return the heading of the float, which has the compass, without wave yaw, unwrapped."""
     if not ship.has_float:
         return glider_heading(hull, ship, series, step, offset_s)
     acceleration = ship.float_w2 * (hull[PSI] - hull[FLOAT_PSI]) - ship.float_damp * hull[FLOAT_RATE]
@@ -168,7 +168,7 @@ def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float
     heading_rad = float_heading(hull, ship, series, step, offset_s)
     if ship.has_yaw:
         yaw_rad = process_angle(series, ship.yaw_at, step, offset_s)
-        heading_rad += waves_share(ship, series, step) * yaw_rad
+        heading_rad += relative_wave_height(ship, series, step) * yaw_rad
     return heading_rad
 
 
@@ -184,7 +184,7 @@ def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, of
         + ship.c_e * (cosine * cosine - sine * sine)
     )
     roll_rad = process_angle(series, ship.roll_at, step, offset_s) if ship.has_roll else 0.0
-    return heading_rad - deviation_rad - waves_share(ship, series, step) * roll_rad * cosine
+    return heading_rad - deviation_rad - relative_wave_height(ship, series, step) * roll_rad * cosine
 
 
 @compiled
@@ -201,7 +201,7 @@ def compass_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_
 
 @compiled
 def velocity_without_waves(hull: Floats, ship: Ship, heading_rad: float, t_s: float) -> tuple[float, float]:
-    """Compute the velocity over the ground without wave motion, north and east (hil/ship/planar.py)."""
+    """Return the velocity over the ground without wave motion, north and east (hil/ship/planar.py)."""
     north_m_s, east_m_s = ship.current_north_m_s, ship.current_east_m_s
     if ship.tide_s > 0.0:
         phase_rad = TWO_PI * np.fmod(t_s, ship.tide_s) / ship.tide_s
@@ -217,7 +217,7 @@ def velocity_without_waves(hull: Floats, ship: Ship, heading_rad: float, t_s: fl
 
 @compiled
 def process_value(series: Series, first: int, step: int, since_s: float, of_rate: bool) -> float:
-    """Compute the rate or the angle of a wave process, since_s into a grid step."""
+    """Return the rate or the angle of a wave process, `since_s` after a grid step."""
     return process_rate(series, first, step, since_s) if of_rate else process_angle(series, first, step, since_s)
 
 
@@ -225,68 +225,68 @@ def process_value(series: Series, first: int, step: int, since_s: float, of_rate
 def waves_motion(
     hull: Floats, ship: Ship, series: Series, step: int, offset_s: float, of_rate: bool
 ) -> tuple[float, float]:
-    """Compute the orbital velocity or, not of_rate, the orbital displacement, north and east (hil/ship/orbit.py)."""
+    """Return the orbital velocity (`of_rate`) or displacement, north and east (hil/ship/orbit.py)."""
     ahead, aside = math.cos(ship.toward_rad), math.sin(ship.toward_rad)
-    more_north = more_east = 0.0
+    orbit_north = orbit_east = 0.0
     if ship.has_crests:
-        with_yaw_at = ship.alone_at if ship.crests_own else ship.yaw_at
-        with_yaw = ship.crests_per_yaw * process_value(series, with_yaw_at, step, offset_s, of_rate)
-        rest = process_value(series, ship.beside_at, step, offset_s, of_rate)
+        yaw_part_at = ship.alone_at if ship.crests_own else ship.yaw_at
+        yaw_part = ship.crests_per_yaw * process_value(series, yaw_part_at, step, offset_s, of_rate)
+        independent_part = process_value(series, ship.beside_at, step, offset_s, of_rate)
         twice_rad = 2.0 * (ship.toward_rad - float_heading(hull, ship, series, step, offset_s))
         sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
-        along_m = ship.crests_along_m * (sine * with_yaw + cosine * rest)
-        across_m = ship.crests_across_m * (cosine * with_yaw - sine * rest)
-        more_north, more_east = along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
+        along_m = ship.crests_along_m * (sine * yaw_part + cosine * independent_part)
+        across_m = ship.crests_across_m * (cosine * yaw_part - sine * independent_part)
+        orbit_north, orbit_east = along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
     elif ship.has_orbit:
         along = process_value(series, ship.orbit_at, step, offset_s, of_rate)
-        more_north, more_east = along * ahead, along * aside
-    share = waves_share(ship, series, step)
-    return share * more_north, share * more_east
+        orbit_north, orbit_east = along * ahead, along * aside
+    wave_height = relative_wave_height(ship, series, step)
+    return wave_height * orbit_north, wave_height * orbit_east
 
 
 @compiled
 def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
-    """Compute the velocity over the ground with wave motion, north and east."""
+    """Return the velocity over the ground with wave motion, north and east."""
     heading_rad = glider_heading(hull, ship, series, step, offset_s)
     north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + offset_s)
-    more_north_m_s, more_east_m_s = waves_motion(hull, ship, series, step, offset_s, True)
-    return north_m_s + more_north_m_s, east_m_s + more_east_m_s
+    orbit_north_m_s, orbit_east_m_s = waves_motion(hull, ship, series, step, offset_s, True)
+    return north_m_s + orbit_north_m_s, east_m_s + orbit_east_m_s
 
 
 @compiled
 def position(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
-    """Compute the position north and east of the start with wave motion."""
+    """Return the position north and east of the start with wave motion."""
     middle_s = 0.5 * offset_s
     heading_rad = glider_heading(hull, ship, series, step, middle_s)
     north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + middle_s)
-    more_north_m, more_east_m = waves_motion(hull, ship, series, step, offset_s, False)
-    return hull[NORTH_M] + north_m_s * offset_s + more_north_m, hull[EAST_M] + east_m_s * offset_s + more_east_m
+    orbit_north_m, orbit_east_m = waves_motion(hull, ship, series, step, offset_s, False)
+    return hull[NORTH_M] + north_m_s * offset_s + orbit_north_m, hull[EAST_M] + east_m_s * offset_s + orbit_east_m
 
 
 @compiled
 def begin_hull(hull: Floats, ship: Ship) -> None:
-    """Start with the mean speed."""
+    """Initialise a hull at the mean speed."""
     hull[COMPASS] = math.nan
     set_speed(hull, ship, ship.speed_m_s)
 
 
 @compiled
-def rudder_in_water(ship: Ship, waiting: Floats, step: int, shaft_rad: float) -> float:
-    """Return the effective rudder angle; `waiting` is the queue of delayed angles."""
+def rudder_in_water(ship: Ship, delayed_rad: Floats, step: int, shaft_rad: float) -> float:
+    """Return the effective rudder angle; `delayed_rad` is a ring buffer of delayed angles."""
     rudder_rad = 0.0 if step * GRID_S >= ship.blade_lost_s else shaft_rad
     if ship.delay_steps > 0:
-        place = step % ship.delay_steps
-        waiting[place], rudder_rad = rudder_rad, waiting[place]
+        index = step % ship.delay_steps
+        delayed_rad[index], rudder_rad = rudder_rad, delayed_rad[index]
     return rudder_rad
 
 
 @compiled
 def step_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: float) -> None:
     """Advance by a grid step, which ends with the effective rudder angle rudder_rad (hil/ship/kt_plant.py)."""
-    psi, r, driven_rad = hull[PSI], hull[YAW_RATE], 0.5 * (hull[RUDDER] + rudder_rad)
+    psi, r, mean_rudder_rad = hull[PSI], hull[YAW_RATE], 0.5 * (hull[RUDDER] + rudder_rad)
     offset_rad = ship.bias_rad + series[ship.offset_at + step]
     for _ in range(ship.inner_steps):
-        psi, r = rk4_step(psi, r, driven_rad, ship.inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
+        psi, r = rk4_step(psi, r, mean_rudder_rad, ship.inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
     if ship.has_noise:
         r += series[ship.jump_at + step] / hull[NOW_T]
     middle_rad = 0.5 * (hull[PSI] + psi)
@@ -297,11 +297,11 @@ def step_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
     hull[NORTH_M] += north_m_s * GRID_S
     hull[EAST_M] += east_m_s * GRID_S
     if ship.has_float:
-        behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
-        hull[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s
-        hull[FLOAT_RATE] = ship.f10 * behind_rad + ship.f11 * rate_rad_s
+        lag_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
+        hull[FLOAT_PSI] = middle_rad + ship.f00 * lag_rad + ship.f01 * rate_rad_s
+        hull[FLOAT_RATE] = ship.f10 * lag_rad + ship.f11 * rate_rad_s
     if ship.has_speed:
-        take_speed(hull, ship, series, step + 1)
+        set_wave_speed(hull, ship, series, step + 1)
     if ship.has_compass:
         sensed_rad = sensed_heading(ship, series, step + 1, heading(hull, ship, series, step + 1, 0.0), 0.0)
         last_rad = sensed_rad if math.isnan(hull[COMPASS]) else hull[COMPASS]
@@ -310,7 +310,7 @@ def step_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
 
 @compiled
 def update_sideways(hull: Floats, ship: Ship, middle_rad: float) -> None:
-    """Update the sideways velocity by wind, body and turning."""
+    """Update the sideways velocity, which wind, body and turning cause."""
     speed_m_s = hull[NOW_SPEED]
     angle_rad = ship.body_rad + ship.wind_rad * math.sin(middle_rad - ship.wind_from_rad)
     if ship.slide_share != 0.0:

@@ -1,4 +1,4 @@
-"""Compiled functions are bit-identical to the plain ones; storage of machine code; progress of compilation."""
+"""Compiled functions: identity with plain ones to the last bit, storage of machine code, and progress."""
 
 import fcntl
 import io
@@ -45,92 +45,92 @@ def bits(value):
 
 
 @given(any_float, any_float, any_float, lag, any_float, any_float)
-def test_the_compiled_yaw_acceleration_is_the_plain_one_to_the_last_bit(r, rudder, ability, lag_s, norrbin, offset):
+def test_compiled_yaw_acceleration_equals_the_plain_one_to_the_last_bit(r, rudder, ability, lag_s, norrbin, offset):
     arguments = (r, rudder, ability, lag_s, norrbin, offset)
     assert bits(yaw_acceleration(*arguments)) == bits(kt.yaw_acceleration(*arguments))
 
 
 @given(st.tuples(any_float, any_float, any_float, any_float, any_float, lag, any_float, any_float))
-def test_the_compiled_runge_kutta_step_is_the_plain_one_to_the_last_bit(arguments):
+def test_compiled_runge_kutta_step_equals_the_plain_one_to_the_last_bit(arguments):
     assert [bits(value) for value in rk4_step(*arguments)] == [bits(value) for value in kt.rk4_step(*arguments)]
 
 
 @given(st.tuples(any_float, any_float, any_float, any_float, any_float))
-def test_the_compiled_exact_step_is_the_plain_one_to_the_last_bit(arguments):
+def test_compiled_exact_step_equals_the_plain_one_to_the_last_bit(arguments):
     assert [bits(value) for value in exact_step(*arguments)] == [bits(value) for value in kt.exact_step(*arguments)]
 
 
-def test_an_hour_of_steps_is_identical_to_the_last_bit():
-    plain = fast = (0.0, 0.0)
+def test_an_hour_of_compiled_steps_equals_plain_steps_to_the_last_bit():
+    plain = compiled_result = (0.0, 0.0)
     for number in range(36_000):
         rudder = 0.5 if number // 300 % 2 else -0.5
         plain = kt.rk4_step(*plain, rudder, 0.1, 0.049, 4.0, 17.0, 0.01)
-        fast = rk4_step(*fast, rudder, 0.1, 0.049, 4.0, 17.0, 0.01)
-    assert plain == fast
+        compiled_result = rk4_step(*compiled_result, rudder, 0.1, 0.049, 4.0, 17.0, 0.01)
+    assert plain == compiled_result
 
 
 @given(st.floats(-1.6, 1.6), st.floats(1e-3, 10.0), st.floats(0.0, 1e4))
-def test_the_compiled_steady_rate_is_the_plain_one_within_four_units_of_the_last_place(rudder, ability, norrbin):
+def test_compiled_steady_rate_equals_the_plain_one_within_four_units_of_the_last_place(rudder, ability, norrbin):
     # Not to the last bit: Python computes r**3 with pow of the C library, the compiler multiplies.
     plain = kt.steady_yaw_rate(rudder, ability, norrbin)
     assert abs(steady_yaw_rate(rudder, ability, norrbin) - plain) <= 4.0 * np.spacing(abs(plain))
 
 
-def test_a_planar_step_calls_the_same_equation_compiled():
+def test_compiled_planar_step_equals_the_plain_one():
     for function in (manoeuvring.planar_rates, manoeuvring._extrapolate):
         inner(function)
     step = compiled(manoeuvring.planar_step)
-    plain = fast = (0.0, 0.0, 0.3, 0.01, 0.0)
+    plain = compiled_result = (0.0, 0.0, 0.3, 0.01, 0.0)
     constants = (0.1, 0.4, 0.2, -0.1, 0.049, 4.0, 17.0, 0.01, -0.2, -0.12)
     for _ in range(1000):
         plain = manoeuvring.planar_step(plain, 0.5, *constants)
-        fast = step(fast, 0.5, *constants)
+        compiled_result = step(compiled_result, 0.5, *constants)
     # Not to the last bit: the sine of the compiler can differ from that of the C library.
-    np.testing.assert_allclose(fast, plain, rtol=1e-12)
-    assert fast[2:4] == plain[2:4]
+    np.testing.assert_allclose(compiled_result, plain, rtol=1e-12)
+    assert compiled_result[2:4] == plain[2:4]
 
 
-def test_no_multiplication_is_fused_with_an_addition():
-    fresh = compiled_here(kt.rk4_step)
-    fresh(0.0, 0.0, 0.1, 0.1, 0.049, 4.0, 17.0, 0.0)
-    assembler = "".join(fresh.inspect_asm().values())
+def test_multiplications_are_not_fused_with_additions():
+    unfused = compiled_here(kt.rk4_step)
+    unfused(0.0, 0.0, 0.1, 0.1, 0.049, 4.0, 17.0, 0.0)
+    assembler = "".join(unfused.inspect_asm().values())
     assert "mulsd" in assembler or "fmul" in assembler
     assert "vfmadd" not in assembler
     assert "fmadd" not in assembler
 
 
-def test_division_by_zero_is_infinite_as_in_c():
+def test_compiled_division_by_zero_is_infinite():
     assert yaw_acceleration(0.0, 1.0, 1.0, 0.0, 0.0, 0.0) == np.inf
 
 
-def double(value: float) -> float:
+def twice(value: float) -> float:
     return 2.0 * value
 
 
 def test_functions_are_compiled_without_a_cache_folder(monkeypatch):
     monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
-    assert compiled(double)(3.0) == 6.0
+    assert compiled(twice)(3.0) == 6.0
 
 
-def test_no_cache_folder_where_none_can_be_created(monkeypatch, tmp_path):
+def test_cache_folder_is_none_if_it_cannot_be_created(monkeypatch, tmp_path):
     (tmp_path / "rambler-hil").write_text("a file where the folder should be")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert cache_folder.__wrapped__(HERE) is None
 
 
-def test_a_cache_folder_is_named_after_the_sources_and_old_ones_are_deleted(monkeypatch, tmp_path):
+def test_cache_folder_is_named_after_the_sources_and_old_ones_are_deleted(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     home = tmp_path / "rambler-hil"
     for number in range(6):
         for module in ("lab.test_compiled", "lab.other"):
-            old = home / f"{module}-old{number}" / "inner"
-            old.mkdir(parents=True)
-            (old / "code").write_text("")
-            os.utime(old.parent, (number, number))
+            old_folder = home / f"{module}-old{number}" / "inner"
+            old_folder.mkdir(parents=True)
+            (old_folder / "code").write_text("")
+            os.utime(old_folder.parent, (number, number))
     folder = cache_folder.__wrapped__(HERE)
     assert folder == home / f"lab.test_compiled-{sources_digest(HERE)}"
-    kept = sorted(path.name for path in home.glob("lab.test_compiled-*"))
-    assert kept == sorted([folder.name, *(f"lab.test_compiled-old{number}" for number in (3, 4, 5))])
+    remaining = sorted(path.name for path in home.glob("lab.test_compiled-*"))
+    assert remaining == sorted([folder.name, *(f"lab.test_compiled-old{number}" for number in (3, 4, 5))])
     assert len(list(home.glob("lab.other-*"))) == 6
 
 
@@ -142,14 +142,14 @@ def test_machine_code_of_the_last_day_is_not_deleted(monkeypatch, tmp_path):
         folder.mkdir(parents=True)
         (folder / "code").write_bytes(b"")
         os.utime(folder, (now_s, now_s - 0.2 * fifths * compiled_module.MIN_AGE_S))
-    found = cache_folder.__wrapped__(HERE)
-    kept = {path.name for path in (tmp_path / "rambler-hil").iterdir()}
-    assert kept == {found.name, *(f"lab.test_compiled-{fifths} fifths of a day old" for fifths in range(5))}
+    folder_found = cache_folder.__wrapped__(HERE)
+    remaining = {path.name for path in (tmp_path / "rambler-hil").iterdir()}
+    assert remaining == {folder_found.name, *(f"lab.test_compiled-{fifths} fifths of a day old" for fifths in range(5))}
 
 
 @pytest.fixture
-def copied(tmp_path, monkeypatch):
-    """Copy both programs, and compute digests there."""
+def copied_sources(tmp_path, monkeypatch):
+    """Copy firmware_py and hil, and compute the digests of the copy."""
     for program in ("firmware_py", "hil"):
         shutil.copytree(ROOT / program, tmp_path / program, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(compiled_module, "ROOT", tmp_path)
@@ -158,15 +158,15 @@ def copied(tmp_path, monkeypatch):
     compiled_module._source.cache_clear()
 
 
-def test_a_copy_of_the_sources_shares_the_machine_code(copied):
-    before = sources_digest(copied / "hil/lab/tune/loop_kernel.py")
-    os.utime(copied / "firmware_py/control/law.py", (0, 0))
+def test_copy_of_the_sources_shares_the_machine_code(copied_sources):
+    before = sources_digest(copied_sources / "hil/lab/tune/loop_kernel.py")
+    os.utime(copied_sources / "firmware_py/control/law.py", (0, 0))
     compiled_module._source.cache_clear()
-    assert sources_digest(copied / "hil/lab/tune/loop_kernel.py") == before
+    assert sources_digest(copied_sources / "hil/lab/tune/loop_kernel.py") == before
 
 
 @pytest.mark.parametrize(
-    ("changed", "again"),
+    ("changed_file", "recompiled"),
     [
         ("firmware_py/control/law.py", KERNELS),
         ("firmware_py/estimate/fixed_gain.py", KERNELS),  # from package import module
@@ -179,15 +179,19 @@ def test_a_copy_of_the_sources_shares_the_machine_code(copied):
         ("firmware_py/common/parameter_table.py", set()),
     ],
 )
-def test_only_functions_that_a_change_can_affect_are_compiled_again(copied, changed, again):
-    kernels = [copied / "hil/lab" / name for name in sorted(KERNELS)]
+def test_change_recompiles_only_functions_that_it_can_affect(copied_sources, changed_file, recompiled):
+    kernels = [copied_sources / "hil/lab" / name for name in sorted(KERNELS)]
     before = [sources_digest(kernel) for kernel in kernels]
-    with (copied / changed).open("a") as file:
+    with (copied_sources / changed_file).open("a") as file:
         file.write("# changed\n")
     compiled_module._source.cache_clear()
     after = [sources_digest(kernel) for kernel in kernels]
-    found = {kernel for kernel, one, other in zip(kernels, before, after, strict=True) if one != other}
-    assert {path.relative_to(copied / "hil/lab").as_posix() for path in found} == again
+    folder_found = {
+        kernel
+        for kernel, digest_before, digest_after in zip(kernels, before, after, strict=True)
+        if digest_before != digest_after
+    }
+    assert {path.relative_to(copied_sources / "hil/lab").as_posix() for path in folder_found} == recompiled
 
 
 COMPILING = """
@@ -207,13 +211,13 @@ def start_process(cache):
     )
 
 
-def test_a_process_waits_for_one_that_compiles_the_same_and_loads_it(tmp_path):
+def test_process_waits_for_another_that_compiles_the_same_function(tmp_path):
     assert start_process(tmp_path / "first").communicate()[0].split() == ["0", "1"]
     (lock,) = (tmp_path / "first").rglob("*.lock")
     lock = tmp_path / "second" / lock.relative_to(tmp_path / "first")
     lock.parent.mkdir(parents=True)
-    with lock.open("w") as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
+    with lock.open("w") as lock_file:
+        fcntl.flock(lock_file, fcntl.LOCK_EX)
         second = start_process(tmp_path / "second")
         waiting = re.compile(rf"-> FLOCK .* {second.pid} ")
         while not waiting.search(Path("/proc/locks").read_text()):
@@ -235,7 +239,7 @@ class Terminal(io.StringIO):
         return super().write(text)
 
 
-def test_a_terminal_shows_a_long_compilation_and_its_time(monkeypatch):
+def test_terminal_shows_a_long_compilation_and_its_time(monkeypatch):
     monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     terminal = Terminal()
     with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("the inner block", terminal):
@@ -245,7 +249,7 @@ def test_a_terminal_shows_a_long_compilation_and_its_time(monkeypatch):
     assert re.search(r"\r\x1b\[Kcompiled the test for this machine in \d+ s\n$", terminal.getvalue())
 
 
-def test_a_short_compilation_prints_nothing():
+def test_short_compilation_prints_nothing():
     terminal = Terminal()
     with compiling("the test", terminal):
         pass
@@ -253,12 +257,12 @@ def test_a_short_compilation_prints_nothing():
 
 
 def test_work_without_compilation_prints_nothing(monkeypatch):
-    looked = threading.Event()
+    checked = threading.Event()
     monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
-    monkeypatch.setattr(compiled_module, "being_compiled", looked.set)
+    monkeypatch.setattr(compiled_module, "being_compiled", checked.set)
     terminal = Terminal()
     with compiling("the test", terminal):
-        assert looked.wait(10.0)
+        assert checked.wait(10.0)
     assert "compiling" not in terminal.getvalue()
 
 
@@ -267,22 +271,22 @@ def test_being_compiled_is_true_during_a_compilation():
     def sum_of(a, b):
         return a + b
 
-    seen = []
+    states = []
 
     class Listener(event.Listener):
         def on_start(self, event):
-            seen.append(compiled_module.being_compiled())
+            states.append(compiled_module.being_compiled())
 
         def on_end(self, event):
             pass
 
     with event.install_listener("numba:compile", Listener()):
         assert sum_of(1.0, 2.0) == 3.0
-    assert seen == [True]
+    assert states == [True]
     assert not compiled_module.being_compiled()
 
 
-def test_nothing_is_printed_to_a_pipe(monkeypatch):
+def test_compilation_prints_nothing_to_a_pipe(monkeypatch):
     monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     pipe = io.StringIO()
     before = threading.active_count()
@@ -292,25 +296,25 @@ def test_nothing_is_printed_to_a_pipe(monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_is_deferred_until_the_compiler_ends(number):
-    passed = []
+def test_signal_is_deferred_until_the_compiler_ends(number):
+    steps_done = []
 
     def compile_and_raise():
         with global_compiler_lock:
             with global_compiler_lock:
-                passed.append("in")
+                steps_done.append("in")
             signal.raise_signal(number)
-            passed.append("raised")
+            steps_done.append("raised")
 
     with interruptible():
         before = signal.getsignal(number)
         with pytest.raises(KeyboardInterrupt):
             compile_and_raise()
-        assert passed == ["in", "raised"]
+        assert steps_done == ["in", "raised"]
         assert signal.getsignal(number) is before
 
 
-def test_an_error_ends_the_progress_thread(monkeypatch):
+def test_error_ends_the_progress_thread(monkeypatch):
     monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     before = threading.active_count()
     with pytest.raises(ZeroDivisionError), compiling("the test", Terminal()):
@@ -318,7 +322,7 @@ def test_an_error_ends_the_progress_thread(monkeypatch):
     assert threading.active_count() == before
 
 
-def test_a_user_without_a_home_directory_has_no_cache_folder(monkeypatch, tmp_path):
+def test_user_without_a_home_directory_has_no_cache_folder(monkeypatch, tmp_path):
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for a user without an entry in /etc/passwd
@@ -327,17 +331,17 @@ def test_a_user_without_a_home_directory_has_no_cache_folder(monkeypatch, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_old_folder_that_another_process_deletes_is_no_error(monkeypatch, tmp_path):
+def test_old_folder_that_another_process_deletes_is_ignored(monkeypatch, tmp_path):
     def already_deleted(_home, _module):
         raise FileNotFoundError
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(compiled_module, "_drop_old", already_deleted)
+    monkeypatch.setattr(compiled_module, "_delete_old_folders", already_deleted)
     assert cache_folder.__wrapped__(HERE) is not None
 
 
 def test_missing_storage_is_reported_once_also_in_a_pipe(monkeypatch):
-    monkeypatch.setattr(compiled_module, "_warned", threading.Event())
+    monkeypatch.setattr(compiled_module, "_warning_printed", threading.Event())
     monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/nowhere")
     pipe = io.StringIO()

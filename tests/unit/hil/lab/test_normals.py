@@ -9,15 +9,15 @@ pytestmark = pytest.mark.timeout(300)  # compiles
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_numbers_and_final_state_are_those_of_numpy(seed):
-    source, found = np.random.Generator(np.random.PCG64(seed)), np.zeros(500_000)
+def test_numbers_and_final_state_equal_those_of_numpy(seed):
+    source, numbers = np.random.Generator(np.random.PCG64(seed)), np.zeros(500_000)
     state = normals.state_of(source)
-    normals.fill(state, found)
-    assert np.array_equal(found, source.standard_normal(found.size))
+    normals.fill(state, numbers)
+    assert np.array_equal(numbers, source.standard_normal(numbers.size))
     assert np.array_equal(state, normals.state_of(source))
-    assert np.abs(found).max() > normals.TAIL  # also the tail
+    assert np.abs(numbers).max() > normals.TAIL  # so that numbers of the tail are compared
 
 
-def test_drawing_does_not_advance_the_generator():
+def test_draw_normals_does_not_advance_the_generator():
     source = np.random.Generator(np.random.PCG64(4))
-    assert np.array_equal(normals.drawn(source, 10), source.standard_normal(10))
+    assert np.array_equal(normals.draw_normals(source, 10), source.standard_normal(10))

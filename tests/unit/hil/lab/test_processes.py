@@ -8,7 +8,7 @@ import pytest
 from hil.lab.processes import processes
 
 
-def test_an_aborted_pool_leaves_no_thread():
+def test_aborted_pool_leaves_no_thread():
     """A remaining thread could print "Bad file descriptor" at the exit of the interpreter."""
     before = set(threading.enumerate())
 

@@ -1,4 +1,4 @@
-"""`rambler-hil similarity`, from its command line and its numbers."""
+"""`rambler-hil similarity`: command line and numbers."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from hil.lab.similarity import dimensionless, table
 from hil.ship.regressions import FLOAT
 
 
-def test_the_table_names_every_speed_and_warns(capsys):
+def test_table_has_a_row_for_each_speed_and_warnings(capsys):
     assert main(["similarity", "--speeds", "0.4,0.8"]) == 0
     lines = capsys.readouterr().out.splitlines()
     tank, fast = lines[1].split(), lines[2].split()
@@ -20,25 +20,25 @@ def test_the_table_names_every_speed_and_warns(capsys):
     assert sum(line.startswith("warning: ") for line in lines) == 2
 
 
-def test_json_holds_the_same(capsys):
+def test_json_contains_the_same_rows(capsys):
     assert main(["similarity", "--speeds", "0.8", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    (row,) = found["rows"]
+    result = json.loads(capsys.readouterr().out)
+    (row,) = result["rows"]
     assert (row["turning_ability_1_s"], row["turning_lag_s"], row["norrbin_s2"]) == pytest.approx((0.098, 2.0, 4.25))
-    assert found["dimensionless"]["turning_ability"] == pytest.approx(0.049 * 3.05 / 0.4)
-    assert len(found["warnings"]) == 2
+    assert result["dimensionless"]["turning_ability"] == pytest.approx(0.049 * 3.05 / 0.4)
+    assert len(result["warnings"]) == 2
 
 
 def test_dimensionless_numbers_are_constant():
-    here = dimensionless(OCEAN_RAMBLER, 3.05)
+    at_0_4_m_s = dimensionless(OCEAN_RAMBLER, 3.05)
     for speed_m_s in (0.1, 0.9, 2.0):
-        there = dimensionless(OCEAN_RAMBLER.at_speed(speed_m_s), 3.05)
-        assert (there.turning_ability, there.turning_lag, there.norrbin) == pytest.approx(
-            (here.turning_ability, here.turning_lag, here.norrbin)
+        scaled = dimensionless(OCEAN_RAMBLER.at_speed(speed_m_s), 3.05)
+        assert (scaled.turning_ability, scaled.turning_lag, scaled.norrbin) == pytest.approx(
+            (at_0_4_m_s.turning_ability, at_0_4_m_s.turning_lag, at_0_4_m_s.norrbin)
         )
 
 
-def test_similar_turns_have_one_radius_and_rates_in_proportion_to_speed():
+def test_similar_turns_have_equal_radii_and_rates_proportional_to_speed():
     slow, fast = table(OCEAN_RAMBLER, FLOAT, (0.2, 1.0))
     assert slow.radius_m == pytest.approx(fast.radius_m)
     assert slow.radius_with_sway_m == pytest.approx(fast.radius_with_sway_m)
@@ -57,14 +57,14 @@ def vehicle(tmp_path, hull, parameters=""):
     return str(path)
 
 
-def test_the_vehicle_file_gives_model_and_hull(tmp_path, capsys):
+def test_vehicle_file_determines_model_and_hull(tmp_path, capsys):
     hull = "length_m = 150\nbeam_m = 25\ndraft_m = 10\nmass_kg = 900000\nblock_coefficient = 0.6"
     path = vehicle(tmp_path, hull, "MDL_K = 0.1\nMDL_SPEED = 0.8")
     assert main(["similarity", "--speeds", "0.4", "--vehicle", path, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["rows"][0]["turning_ability_1_s"] == pytest.approx(0.05)
-    assert found["hull"]["length_m"] == 150.0
-    assert found["warnings"] == []
+    result = json.loads(capsys.readouterr().out)
+    assert result["rows"][0]["turning_ability_1_s"] == pytest.approx(0.05)
+    assert result["hull"]["length_m"] == 150.0
+    assert result["warnings"] == []
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_the_vehicle_file_gives_model_and_hull(tmp_path, capsys):
         ),
     ],
 )
-def test_a_hull_that_cannot_be_is_one_line(tmp_path, capsys, hull, remedy):
+def test_invalid_hull_is_refused_in_one_line(tmp_path, capsys, hull, remedy):
     path = vehicle(tmp_path, hull)
     assert main(["similarity", "--vehicle", path]) == 2
     error = capsys.readouterr().err
@@ -101,6 +101,6 @@ def test_invalid_speeds_are_refused(capsys, text):
     assert "rambler-hil: --speeds: " in capsys.readouterr().err
 
 
-def test_a_rudder_offset_of_the_model_is_left_out_of_the_circle():
+def test_rudder_offset_of_the_model_does_not_change_the_radius():
     (row,) = table(OCEAN_RAMBLER, FLOAT, (0.4,))
     assert row.radius_m == pytest.approx(0.4 / math.radians(row.steady_rates_deg_s[2]))

@@ -1,3 +1,5 @@
+"""Comparison of two campaigns, and the pages of a comparison and of a campaign."""
+
 import json
 import math
 from dataclasses import replace
@@ -7,12 +9,12 @@ import numpy as np
 import pytest
 
 from hil.errors import UsageError
-from hil.lab.campaign import compare, compare_page, page
+from hil.lab.campaign import compare, page
 from hil.lab.campaign.store import Results, read_results
 
 
 def campaign(name, *, price, seeds=None, runs=60, never=()):
-    """Return results whose error grows with the price of rudder travel."""
+    """Return results in which the error increases with the travel weight CTL_PRICE."""
     random = np.random.default_rng(7)
     ability, noise = random.uniform(0.7, 1.4, runs), random.normal(0.0, 0.2, runs)
     rms = 2.0 + ability + noise + 0.1 * price
@@ -39,38 +41,38 @@ def campaign(name, *, price, seeds=None, runs=60, never=()):
 
 
 def test_runs_with_equal_draws_are_compared_in_pairs():
-    found = compare.compare(campaign("a", price=1.0), campaign("b", price=2.0))
-    assert found.pairs == 60
-    by_name = {one.name: one for one in found.differences}
-    assert by_name["rms_deg"].more.value == pytest.approx(0.1)
-    assert by_name["rms_deg"].more.low == pytest.approx(0.1)  # each run by as much
-    assert (by_name["rms_deg"].less, by_name["travel_deg_per_h"].less) == (0.0, 1.0)
-    assert by_name["mean_deg"].more.value == 0.0
-    assert found.failed_more.value > 0.0
+    comparison = compare.compare(campaign("a", price=1.0), campaign("b", price=2.0))
+    assert comparison.pairs == 60
+    by_name = {one.name: one for one in comparison.differences}
+    assert by_name["rms_deg"].change.value == pytest.approx(0.1)
+    assert by_name["rms_deg"].change.low == pytest.approx(0.1)  # all pairs have the same difference
+    assert (by_name["rms_deg"].lower_fraction, by_name["travel_deg_per_h"].lower_fraction) == (0.0, 1.0)
+    assert by_name["mean_deg"].change.value == 0.0
+    assert comparison.failed_difference.value > 0.0
 
 
-def test_draws_of_only_one_campaign_do_not_prevent_pairs():
+def test_draws_of_only_one_campaign_are_ignored_for_pairs():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0)
-    second = replace(second, drawn={**second.drawn, "ship.T": np.ones(60)})
+    second = replace(second, drawn_values={**second.drawn_values, "ship.T": np.ones(60)})
     assert compare.compare(first, second).pairs == 60
 
 
 def test_campaigns_with_different_draws_are_independent_samples():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0, seeds=np.arange(100, 160))
-    found = compare.compare(first, second)
-    assert found.pairs == 0
-    by_name = {one.name: one for one in found.differences}
-    assert by_name["rms_deg"].less is None
-    assert by_name["rms_deg"].more.low < 0.0 < by_name["rms_deg"].more.value == pytest.approx(0.1)
-    assert "independent samples" in compare_page.text(first, second, found)
+    comparison = compare.compare(first, second)
+    assert comparison.pairs == 0
+    by_name = {one.name: one for one in comparison.differences}
+    assert by_name["rms_deg"].lower_fraction is None
+    assert by_name["rms_deg"].change.low < 0.0 < by_name["rms_deg"].change.value == pytest.approx(0.1)
+    assert "independent samples" in compare.page_text(first, second, comparison)
 
 
-def test_campaigns_of_different_length_share_the_rows_of_the_shorter():
+def test_pairs_of_campaigns_of_different_length_are_those_of_the_shorter():
     long, short = campaign("a", price=1.0), campaign("b", price=2.0)
     short = replace(
         short,
         seeds=short.seeds[:40],
-        drawn={name: values[:40] for name, values in short.drawn.items()},
+        drawn_values={name: values[:40] for name, values in short.drawn_values.items()},
         scores={name: values[:40] for name, values in short.scores.items()},
         failed=short.failed[:40],
     )
@@ -78,28 +80,28 @@ def test_campaigns_of_different_length_share_the_rows_of_the_shorter():
     assert compare.compare(short, long).pairs == 40
 
 
-def test_runs_that_never_settle_are_counted_and_rank_last():
-    found = compare.compare(campaign("a", price=1.0, never=(1, 2)), campaign("b", price=1.0, never=(2, 3, 4)))
-    settled = next(one for one in found.differences if one.name == "settling_s")
-    assert (settled.never, settled.more.value, settled.values.size) == ((2, 3), 0.0, 60)
-    assert np.count_nonzero(settled.values > 0.0) == 2
-    assert settled.less == pytest.approx(1 / 60)
+def test_runs_that_never_settle_are_counted_and_have_the_largest_rank():
+    comparison = compare.compare(campaign("a", price=1.0, never=(1, 2)), campaign("b", price=1.0, never=(2, 3, 4)))
+    settling = next(one for one in comparison.differences if one.name == "settling_s")
+    assert (settling.never_counts, settling.change.value, settling.pair_changes.size) == ((2, 3), 0.0, 60)
+    assert np.count_nonzero(settling.pair_changes > 0.0) == 2
+    assert settling.lower_fraction == pytest.approx(1 / 60)
 
 
 @pytest.mark.parametrize("seeds", [None, np.arange(100, 160)])
-def test_an_infinite_median_is_shown_as_never_and_is_null_in_json(seeds):
+def test_infinite_median_is_never_in_the_table_and_null_in_json(seeds):
     first = campaign("a", price=1.0)
     second = campaign("b", price=1.0, never=range(40), seeds=seeds)
-    found = compare.compare(first, second)
-    text = compare_page.text(first, second, found)
-    assert "never" in next(row for row in compare_page.cells(found) if row[0].startswith("settling"))[2]
+    comparison = compare.compare(first, second)
+    text = compare.page_text(first, second, comparison)
+    assert "never" in next(row for row in compare.table_rows(comparison) if row[0].startswith("settling"))[2]
     assert "nan" not in text
     assert ">inf" not in text
-    settled = json.loads(json.dumps(compare.as_json(found), allow_nan=False))["scores"]["settling_s"]
-    assert (settled["of"], settled["first"], settled["second"]) == ("median", 50.0, None)
+    settling = json.loads(json.dumps(compare.as_json(comparison), allow_nan=False))["scores"]["settling_s"]
+    assert (settling["of"], settling["first"], settling["second"]) == ("median", 50.0, None)
 
 
-def test_the_detectable_difference_falls_with_the_number_of_runs():
+def test_detectable_difference_decreases_with_the_number_of_runs():
     by_name = {one.name: one for one in _differences(60)}
     more = {one.name: one for one in _differences(240)}
     assert more["rms_deg"].detectable == pytest.approx(0.5 * by_name["rms_deg"].detectable, rel=0.2)
@@ -125,16 +127,16 @@ def test_too_few_runs_are_refused():
 
 def test_page_and_json_of_a_comparison():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0, never=(3,))
-    found = compare.compare(first, second)
-    text = compare_page.text(first, second, found)
+    comparison = compare.compare(first, second)
+    text = compare.page_text(first, second, comparison)
     assert "first: CTL_PRICE = 1.0" in text
     assert "sources: a, b" in text
     assert "nan" not in text
-    assert json.loads(json.dumps(compare.as_json(found)))["scores"]["rms_deg"]["less_in"] == 0.0
-    assert "nothing: the same specification" in compare_page.text(first, first, found)
+    assert json.loads(json.dumps(compare.as_json(comparison)))["scores"]["rms_deg"]["less_in"] == 0.0
+    assert "nothing: the same specification" in compare.page_text(first, first, comparison)
 
 
-def test_the_page_of_a_campaign_has_commands_that_repeat_the_worst_runs():
+def test_page_of_a_campaign_has_replay_commands_for_the_worst_runs():
     results = campaign("a b", price=1.0, never=(17,))
     text = page.text(results, ["engine: a former name"])
     assert "engine: a former name" in text
@@ -146,10 +148,10 @@ def test_the_page_of_a_campaign_has_commands_that_repeat_the_worst_runs():
     assert "Sensitivity" in text
 
 
-def test_the_page_of_a_campaign_without_scores():
+def test_page_of_a_campaign_without_scores_contains_no_nan():
     results = campaign("a", price=1.0)
-    nothing = {name: np.full(60, np.nan) for name in results.scores}
-    text = page.text(replace(results, scores=nothing, failed=np.array(["process ended"] * 60, object)))
+    no_scores = {name: np.full(60, np.nan) for name in results.scores}
+    text = page.text(replace(results, scores=no_scores, failed=np.array(["process ended"] * 60, object)))
     assert "60 failed: 100 %" in text
     assert "no run has this score" in text
     assert "nan" not in text
@@ -161,9 +163,9 @@ def test_results_of_an_unfinished_campaign_are_refused(tmp_path):
         read_results(tmp_path)
 
 
-def test_versions_that_differ_are_named():
+def test_different_versions_are_listed():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0)
-    assert compare_page.versions_that_differ(first, first) == []
-    assert compare_page.versions_that_differ(first, second) == ["sources: a, b"]
-    named = replace(second, identity={**second.identity, "program": "rambler-hil 0.2"})
-    assert compare_page.versions_that_differ(first, named) == ["program: unknown, rambler-hil 0.2", "sources: a, b"]
+    assert compare.changed_versions(first, first) == []
+    assert compare.changed_versions(first, second) == ["sources: a, b"]
+    with_program = replace(second, identity={**second.identity, "program": "rambler-hil 0.2"})
+    assert compare.changed_versions(first, with_program) == ["program: unknown, rambler-hil 0.2", "sources: a, b"]

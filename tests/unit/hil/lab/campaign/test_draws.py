@@ -1,14 +1,16 @@
+"""Draws of a campaign: quantiles, limits, errors and random numbers."""
+
 import pytest
 
-from hil.lab.campaign.draws import Draw, DrawError, read_draw, shares
+from hil.lab.campaign.draws import Draw, DrawError, read_draw, uniform_numbers
 
 
 def accept_all(_value):
-    """Accept every value."""
+    """Raise no error."""
 
 
 @pytest.mark.parametrize(
-    ("content", "share", "value"),
+    ("content", "fraction", "value"),
     [
         (3, 0.9, 3.0),
         (True, 0.9, 1.0),
@@ -22,20 +24,20 @@ def accept_all(_value):
         ({"normal": [0, 1, 0, 10]}, 0.5, 0.67449),  # the median of the upper half
     ],
 )
-def test_quantiles(content, share, value):
-    assert read_draw(content, accept_all).at(share) == value
+def test_quantile_of_a_draw(content, fraction, value):
+    assert read_draw(content, accept_all).quantile(fraction) == value
 
 
 @pytest.mark.parametrize("kind", ["uniform", "log_uniform"])
-def test_rounding_does_not_leave_the_range(kind):
+def test_rounded_value_stays_in_the_range(kind):
     low, high = 0.12345678, 0.12345679
     draw = Draw(kind, (low, high))
-    assert all(low <= draw.at(number / 100) <= high for number in range(100))
+    assert all(low <= draw.quantile(number / 100) <= high for number in range(100))
 
 
-def test_a_normal_draw_stays_within_bounds_far_from_its_mean():
+def test_normal_draw_far_from_its_mean_stays_within_its_limits():
     draw = read_draw({"normal": [0.0, 1.0, 5.0, 9.0]}, accept_all)
-    values = [draw.at(number / 1000) for number in range(1000)]
+    values = [draw.quantile(number / 1000) for number in range(1000)]
     assert values == sorted(values)
     assert values[0] == 5.0
     assert values[-1] <= 9.0
@@ -68,9 +70,9 @@ def test_invalid_draws_are_refused(content):
 
 
 def test_both_limits_of_a_distribution_are_checked():
-    seen = []
-    read_draw({"normal": [5, 2, 1, 9]}, seen.append)
-    assert seen == [1.0, 9.0]
+    checked = []
+    read_draw({"normal": [5, 2, 1, 9]}, checked.append)
+    assert checked == [1.0, 9.0]
 
     def too_large(value):
         if value > 3:
@@ -80,16 +82,16 @@ def test_both_limits_of_a_distribution_are_checked():
         read_draw({"uniform": [1, 4]}, too_large)
 
 
-def test_draws_do_not_depend_on_the_batch():
-    together = shares(7, "ship.K", 0, 50)
-    assert [shares(7, "ship.K", row, 1)[0] for row in range(50)] == together
-    assert shares(7, "ship.K", 13, 20) == together[13:33]
+def test_draws_are_independent_of_the_batch():
+    batch = uniform_numbers(7, "ship.K", 0, 50)
+    assert [uniform_numbers(7, "ship.K", row, 1)[0] for row in range(50)] == batch
+    assert uniform_numbers(7, "ship.K", 13, 20) == batch[13:33]
 
 
 def test_draws_are_uniform_and_differ_by_name_and_seed():
-    numbers = shares(7, "ship.K", 0, 4000)
-    assert len(set(numbers)) == 4000
-    assert all(0.0 <= number < 1.0 for number in numbers)
-    assert abs(sum(numbers) / 4000 - 0.5) < 0.02
-    assert not set(numbers) & set(shares(7, "ship.T", 0, 4000))
-    assert not set(numbers) & set(shares(8, "ship.K", 0, 4000))
+    values = uniform_numbers(7, "ship.K", 0, 4000)
+    assert len(set(values)) == 4000
+    assert all(0.0 <= number < 1.0 for number in values)
+    assert abs(sum(values) / 4000 - 0.5) < 0.02
+    assert not set(values) & set(uniform_numbers(7, "ship.T", 0, 4000))
+    assert not set(values) & set(uniform_numbers(8, "ship.K", 0, 4000))

@@ -1,3 +1,5 @@
+"""Replay of a run of a campaign."""
+
 import json
 
 import pytest
@@ -18,13 +20,13 @@ def campaign(tmp_path):
     (tmp_path / "spec.toml").write_text(TEXT)
     (tmp_path / "out").mkdir()
     spec = read_spec(tmp_path / "spec.toml")
-    kept = Store(tmp_path / "out", spec, versions(), tmp_path)
-    kept.begin(resume=False)
-    kept.add(2, 4, [Result(row, Outcome("of no run", None)) for row in rows(spec, 2, 4)])
+    campaign_store = Store(tmp_path / "out", spec, versions(), tmp_path)
+    campaign_store.begin(resume=False)
+    campaign_store.add(2, 4, [Result(row, Outcome("of no run", None)) for row in rows(spec, 2, 4)])
     return tmp_path / "out"
 
 
-def test_a_finished_run_of_an_unfinished_campaign_is_found(campaign):
+def test_result_of_a_finished_run_is_read_from_an_unfinished_campaign(campaign):
     spec = replay.read_campaign_spec(campaign)
     assert replay.result_of(campaign, spec, 3)["row"] == 3
     for index in (1, 4, -1):
@@ -33,18 +35,20 @@ def test_a_finished_run_of_an_unfinished_campaign_is_found(campaign):
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_a_replay_with_other_results_is_reported(campaign, tmp_path):
-    known = store.read_identity(campaign)
-    (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))
+def test_replay_with_different_results_is_reported(campaign, tmp_path):
+    identity = store.read_identity(campaign)
+    (campaign / store.CAMPAIGN).write_text(json.dumps({**identity, "versions": {**identity["versions"], "numpy": "0"}}))
     (line,) = replay.replay(campaign, 3, tmp_path / "run").differences
     assert "instead of of no run; the campaign was run by rambler-hil " in line
 
 
-def test_a_changed_specification_is_not_replayed(campaign):
+def test_replay_of_a_changed_specification_is_refused(campaign):
     (campaign / store.SPEC).write_text(TEXT.replace("0.8", "0.7"))
     with pytest.raises(UsageError, match=r"changed since the campaign$"):
         replay.read_campaign_spec(campaign)
-    known = store.read_identity(campaign)
-    (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "sources": "0"}}))
+    identity = store.read_identity(campaign)
+    (campaign / store.CAMPAIGN).write_text(
+        json.dumps({**identity, "versions": {**identity["versions"], "sources": "0"}})
+    )
     with pytest.raises(UsageError, match=r"the campaign was run by .* with other versions .sources."):
         replay.read_campaign_spec(campaign)

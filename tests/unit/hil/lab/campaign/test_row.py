@@ -3,23 +3,23 @@ from dataclasses import replace
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
-from hil.lab.campaign.row import MODEL, extremes, rows
+from hil.lab.campaign.row import MODEL_PARAMETERS, extremes, rows
 from hil.sim.vehicle_file import model_of, standard_vehicle
 from support.campaign import read
 
 
 def test_a_row_does_not_depend_on_its_batch():
     spec = read()
-    together = list(rows(spec, 0, 8))
-    assert [next(rows(spec, index, index + 1)) for index in reversed(range(8))] == together[::-1]
-    assert len({row.seed for row in together}) == 8
+    all_rows = list(rows(spec, 0, 8))
+    assert [next(rows(spec, index, index + 1)) for index in reversed(range(8))] == all_rows[::-1]
+    assert len({row.seed for row in all_rows}) == 8
 
 
 def test_an_added_draw_does_not_change_the_others():
     fewer, more = read(), read(ship={"K": {"uniform": [0.7, 1.4]}, "speed": [0.8, 1.2], "T": {"uniform": [0.5, 2]}})
-    for one, other in zip(rows(fewer, 0, 8), rows(more, 0, 8), strict=True):
-        assert one.seed == other.seed
-        assert one.drawn.items() < other.drawn.items()
+    for first, second in zip(rows(fewer, 0, 8), rows(more, 0, 8), strict=True):
+        assert first.seed == second.seed
+        assert first.drawn_values.items() < second.drawn_values.items()
 
 
 def test_ship_factors_change_the_simulated_ship_but_not_the_parameters():
@@ -29,7 +29,9 @@ def test_ship_factors_change_the_simulated_ship_but_not_the_parameters():
     assert ship.turning_lag_s == 0.5 * base.turning_lag_s
     assert ship.norrbin_s2 == 3.0 * base.norrbin_s2
     defaults = ParameterSet()
-    assert {name: row.settings[name] for name in MODEL.values()} == {name: defaults[name] for name in MODEL.values()}
+    assert {name: row.settings[name] for name in MODEL_PARAMETERS.values()} == {
+        name: defaults[name] for name in MODEL_PARAMETERS.values()
+    }
     assert row.scenario.speed_m_s == pytest.approx(1.5 * {"tank": 0.4, "swell": 0.7}[row.scenario.name])
 
 
@@ -42,9 +44,9 @@ def test_options_replace_those_of_the_scenario():
 
 def test_a_fault_has_drawn_times():
     fault = {"what": ["none", "killed"], "at_s": {"uniform": [100, 200]}, "for_s": 20}
-    found = [row.fault for row in rows(read(engine="firmware", fault=fault, **{"with": None}), 0, 40)]
-    assert {one.name for one in found} == {"none", "killed"}
-    assert all(100 <= one.at_s <= 200 and one.for_s == 20 for one in found)
+    faults_ = [row.fault for row in rows(read(engine="firmware", fault=fault, **{"with": None}), 0, 40)]
+    assert {first.name for first in faults_} == {"none", "killed"}
+    assert all(100 <= first.at_s <= 200 and first.for_s == 20 for first in faults_)
     assert next(rows(read(), 0, 1)).fault is None
 
 
@@ -57,6 +59,6 @@ def test_run_options_contain_all_of_a_row(tmp_path):
 
 
 def test_extremes_of_every_scenario():
-    found = [(row.scenario.name, row.scenario.disturbances.receiver.lost) for row in extremes(read())]
-    assert found == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
+    faults_ = [(row.scenario.name, row.scenario.disturbances.receiver.lost) for row in extremes(read())]
+    assert faults_ == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
     assert replace(next(extremes(read())), index=0).index == 0

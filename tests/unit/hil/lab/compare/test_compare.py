@@ -1,4 +1,4 @@
-"""Scores, tables and limits of a comparison; its runs are tested in tests/process/test_seas.py."""
+"""Scores, tables and limits of a comparison; tests/process/test_seas.py tests its runs."""
 
 import json
 import math
@@ -10,7 +10,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
 from hil.cli.compare import as_entries, text
 from hil.lab.compare import pid
-from hil.lab.compare.runs import OURS, PAPER, Row, Task, sail_one
+from hil.lab.compare.runs import OURS, PAPER, Row, Task, run_one
 from hil.lab.compare.score import Score, Turn, mean_of, score_of, turns_of
 from hil.ship import scenarios
 from hil.sim import runner
@@ -21,9 +21,9 @@ from hil.sim.truth import Truth
 def truth_of(error_rad, rudder_rad, goal_rad=None):
     time_s = 0.1 * np.arange(error_rad.size)
     goal = np.zeros(error_rad.size) if goal_rad is None else goal_rad
-    nothing = np.zeros(error_rad.size)
+    zeros = np.zeros(error_rad.size)
     heading = goal + error_rad
-    return Truth(time_s, heading, heading, nothing, rudder_rad, rudder_rad, goal, nothing, nothing, nothing)
+    return Truth(time_s, heading, heading, zeros, rudder_rad, rudder_rad, goal, zeros, zeros, zeros)
 
 
 def test_scores_use_the_steady_part():
@@ -40,10 +40,10 @@ def test_scores_use_the_steady_part():
     assert score.near_s == pytest.approx(171.8, abs=0.2)
 
 
-def test_the_table_shows_mean_and_largest_rms():
+def test_table_shows_mean_and_largest_rms():
     scores = tuple(Score(rms_deg, 100.0, 0.0, 3.0, 40.0) for rms_deg in (1.0, 7.0))
-    head, _, row = text([Row("tank", OURS, scores)]).splitlines()
-    assert head.split()[:3] == ["rms", "deg", "worst"]
+    header, _, row = text([Row("tank", OURS, scores)]).splitlines()
+    assert header.split()[:3] == ["rms", "deg", "worst"]
     assert row.removeprefix(OURS.name).split()[:3] == ["5.00", "7.00", "100"]
 
 
@@ -55,74 +55,74 @@ def test_short_goals_are_ignored():
         score_of(truth_of(np.zeros(1000), np.zeros(1000)))
 
 
-def test_a_turn_is_settled_after_100_s_within_the_limit():
+def test_turn_has_settled_after_100_s_within_the_limit():
     error = np.full(6001, np.radians(4.0))
     error[:300] = np.radians(-60.0)
-    error[900] = np.radians(9.0)  # after 60 s within the limit
-    error[2500] = np.radians(6.0)  # after the turn has settled
+    error[900] = np.radians(9.0)  # after 60 s within the limit, so not settled before
+    error[2500] = np.radians(6.0)  # when the turn has settled
     assert turns_of(truth_of(error, np.zeros(6001))) == (Turn(pytest.approx(9.0), pytest.approx(90.1)),)
     error[::900] = np.radians(-6.0)
     assert turns_of(truth_of(error, np.zeros(6001)))[0].settled_s == math.inf
     assert turns_of(truth_of(np.zeros(6001), np.zeros(6001))) == ()
 
 
-def test_an_unknown_disturbance_is_refused(capsys):
+def test_unknown_disturbance_is_refused(capsys):
     assert main(["compare", "swell", "--with", "raft"]) == 2
     assert "use one of float" in capsys.readouterr().err
 
 
-def test_the_mean_rms_is_that_of_all_runs():
+def test_mean_rms_is_that_over_all_runs():
     mean = mean_of([Score(3.0, 100.0, 1.0, 2.0, 20.0), Score(4.0, 300.0, -1.0, 4.0, 30.0)])
     assert mean == Score(math.sqrt(12.5), 200.0, 0.0, 3.0, 25.0)
 
 
 @pytest.mark.proof
-def test_the_tuned_pid_is_a_good_reference():
+def test_tuned_pid_has_small_errors():
     goals = parse_goals("0:0,120:60,720:-30")
-    found = {
+    result = {
         name: mean_of(
             [score_of(pid.sail(scenarios.find_scenario(name), seed, goals, 1320.0, pid.TUNED)) for seed in (921, 922)]
         )
         for name in ("tank", "sea", "coast")
     }
-    assert found["tank"].rms_deg < 0.3
-    assert found["sea"].rms_deg < 1.8
-    assert found["sea"].travel_deg_per_h < 5000.0
-    assert abs(found["sea"].mean_deg) < 0.3
+    assert result["tank"].rms_deg < 0.3
+    assert result["sea"].rms_deg < 1.8
+    assert result["sea"].travel_deg_per_h < 5000.0
+    assert abs(result["sea"].mean_deg) < 0.3
 
 
-def test_the_command_prints_and_writes_its_results(tmp_path, capsys, monkeypatch):
-    """The sea with gusts has no exact limit."""
+def test_command_prints_and_writes_its_results(tmp_path, capsys, monkeypatch):
+    """Only the sea without gusts has an exact limit."""
     monkeypatch.setattr("hil.lab.compare.limit.TRAVEL_WEIGHTS", (0.1, 1.0))
     monkeypatch.setattr("hil.cli.progress.PIPE_INTERVAL_S", math.inf)
-    file = tmp_path / "found.json"
-    figures = tmp_path / "figures.json"
-    words = ["compare", "sea", "gusts", "--only", "ours", "--seeds", "1", "--limit", "--json", str(file)]
-    words += ["--figures", str(figures)]
-    assert main([*words, "--goal", "0:60"]) == 0
+    json_path = tmp_path / "found.json"
+    figures_path = tmp_path / "figures.json"
+    arguments = ["compare", "sea", "gusts", "--only", "ours", "--seeds", "1", "--limit", "--json", str(json_path)]
+    arguments += ["--figures", str(figures_path)]
+    assert main([*arguments, "--goal", "0:60"]) == 0
     output = capsys.readouterr()
     assert output.err == ""
     assert OURS.name in output.out
     assert "compiled twin" in output.out
     assert output.out.count("with a receiver") == 1
-    row, _ = json.loads(file.read_text())
+    row, _ = json.loads(json_path.read_text())
     assert (row["scenario"], row["sailed_by"], len(row["seeds"])) == ("sea", "compiled twin", 1)
     assert f"{row['mean']['rms_deg']:.2f}" in output.out
-    kept = json.loads(figures.read_text()).values()
-    assert {one["command"] for one in kept} == {"rambler-hil compare --seeds 1 --goal 0:60"}
+    entries = json.loads(figures_path.read_text()).values()
+    assert {entry["command"] for entry in entries} == {"rambler-hil compare --seeds 1 --goal 0:60"}
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [("nowhere",), ("tank", "--seeds", "0"), ("tank", "--goal", "x"), ("tank", "--prices", "nan"), ("--json", "/no/f")],
 )
-def test_a_usage_error_is_one_line(words, capsys):
-    assert main(["compare", *words]) == 2
+def test_usage_error_is_one_line(arguments, capsys):
+    assert main(["compare", *arguments]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("name", ["sea", pytest.param("weak", marks=pytest.mark.proof)])
-def test_the_limit_falls_with_travel_and_with_a_receiver(name):
+def test_limit_decreases_with_travel_and_with_a_receiver(name):
     from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
 
     curves = [limits(scenarios.find_scenario(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
@@ -135,23 +135,23 @@ def test_the_limit_falls_with_travel_and_with_a_receiver(name):
         assert at_travel(curves[0], 3512.0) == pytest.approx(1.19, abs=0.02)
 
 
-def test_figures_of_the_documentation_contain_finite_means_only():
+def test_figures_of_the_documentation_contain_only_finite_means():
     score = Score(1.0, 700.0, 0.1, 2.0, math.inf)
-    found = as_entries([Row("sea", OURS, (score, score))], {"commit": "abc"}, [(1.5, 1.2)])
-    assert found["compare_sea_rambler_rms"] == {"value": 1.0, "unit": "deg", "note": "2 seeds", "commit": "abc"}
-    assert found["compare_sea_rambler_limit_receiver"]["value"] == 1.2
-    assert "compare_sea_rambler_near" not in found
+    result = as_entries([Row("sea", OURS, (score, score))], {"commit": "abc"}, [(1.5, 1.2)])
+    assert result["compare_sea_rambler_rms"] == {"value": 1.0, "unit": "deg", "note": "2 seeds", "commit": "abc"}
+    assert result["compare_sea_rambler_limit_receiver"]["value"] == 1.2
+    assert "compare_sea_rambler_near" not in result
 
 
-def test_runs_of_a_comparison_have_no_display_of_their_own(monkeypatch):
-    seen = []
+def test_runs_of_a_comparison_have_no_live_display(monkeypatch):
+    options_seen = []
 
     def run(options):
-        seen.append(options)
+        options_seen.append(options)
         raise InterruptedError
 
     monkeypatch.setattr(runner, "run", run)
     task = Task(("tank",), (1,), parse_goals("0:0"), 60.0)
     with pytest.raises(InterruptedError):
-        sail_one(task, "tank", PAPER, 1)
-    assert [options.live_display for options in seen] == [False]
+        run_one(task, "tank", PAPER, 1)
+    assert [options.live_display for options in options_seen] == [False]

@@ -1,4 +1,4 @@
-"""The drills agree with the firmware's table of faults, which is written independently."""
+"""The drills agree with the firmware's table of faults, which is written independently of them."""
 
 import pytest
 
@@ -15,8 +15,8 @@ from hil.lab.drill.cases import (
     prevents_steering,
 )
 
-# Faults without a drill and the reason; they have tests of their own.
-ELSEWHERE = {
+# fault without a drill -> reason; other tests cover these faults
+WITHOUT_DRILL = {
     Fault.STORAGE_FULL: "fills the disk",
     Fault.KEY_LOST: "needs files of a key that are damaged",
     Fault.RUDDER_ASTRAY: "needs an external force on the shaft",
@@ -26,38 +26,38 @@ ELSEWHERE = {
 
 
 @pytest.mark.parametrize("drill", [drill for drill in BOOK if drill.text], ids=lambda drill: drill.name)
-def test_each_text_belongs_to_one_fault(drill):
+def test_text_of_a_drill_belongs_to_one_fault(drill):
     (row,) = [row for row in TABLE.values() if row.text.startswith(drill.text)]
     assert row.recovery.startswith(drill.recovery)
 
 
-def test_every_fault_has_a_drill_or_a_reason():
-    drilled = {
+def test_each_fault_has_a_drill_or_a_reason():
+    faults_with_drill = {
         fault for fault, row in TABLE.items() for drill in BOOK if drill.text and row.text.startswith(drill.text)
     }
-    assert drilled | set(ELSEWHERE) == set(TABLE)
-    assert not drilled & set(ELSEWHERE)
+    assert faults_with_drill | set(WITHOUT_DRILL) == set(TABLE)
+    assert not faults_with_drill & set(WITHOUT_DRILL)
 
 
 def test_cases_are_all_situations_and_all_pairs():
     names = [drill.name for drill in BOOK]
     assert len(set(names)) == len(names)
-    single, both = cases(BOOK, 1, pairs=False), cases(BOOK, 1, pairs=True)
-    free = [drill for drill in BOOK if not drill.moment]
-    assert len(single) == len(free) * len(MOMENTS) + len(BOOK) - len(free)
-    able = sum(drill.pair for drill in BOOK)
-    assert len(both) - len(single) == able * (able - 1) // 2
+    single_cases, all_cases = cases(BOOK, 1, pairs=False), cases(BOOK, 1, pairs=True)
+    without_moment = [drill for drill in BOOK if not drill.moment]
+    assert len(single_cases) == len(without_moment) * len(MOMENTS) + len(BOOK) - len(without_moment)
+    combinable = sum(drill.can_pair for drill in BOOK)
+    assert len(all_cases) - len(single_cases) == combinable * (combinable - 1) // 2
 
 
-def named(*names):
+def drills_named(*names):
     return [drill for name in names for drill in BOOK if drill.name == name]
 
 
-def test_inputs_are_named_for_drills_with_pairs_only():
-    able = {drill.name for drill in BOOK if drill.pair}
-    assert set(REMOVED_INPUTS) | set(NEEDED_INPUTS) <= able
-    assert {one for needs in NEEDED_INPUTS.values() for one in needs} <= {
-        one for takes in REMOVED_INPUTS.values() for one in takes
+def test_inputs_are_listed_only_for_drills_with_pairs():
+    combinable = {drill.name for drill in BOOK if drill.can_pair}
+    assert set(REMOVED_INPUTS) | set(NEEDED_INPUTS) <= combinable
+    assert {one for inputs in NEEDED_INPUTS.values() for one in inputs} <= {
+        one for inputs_removed in REMOVED_INPUTS.values() for one in inputs_removed
     }
     for drill in BOOK:
         assert not any(
@@ -70,13 +70,13 @@ def test_inputs_are_named_for_drills_with_pairs_only():
         )
 
 
-def test_a_fault_that_hides_the_other_of_a_pair():
-    silent, frozen = both = named("compass silent", "compass frozen")
-    assert (is_undetectable(silent, both), is_undetectable(frozen, both)) == (False, True)
-    assert not has_no_heading(both)
-    without = named("compass frozen", "position lost")
-    assert has_no_heading(without)
-    assert "No valid heading" in explained_texts(without)
-    assert not any(is_undetectable(drill, without) for drill in without)
-    cable, low = pair = named("servo's cable out", "battery low")
+def test_pair_in_which_one_fault_hides_the_other():
+    silent, frozen = silent_pair = drills_named("compass silent", "compass frozen")
+    assert (is_undetectable(silent, silent_pair), is_undetectable(frozen, silent_pair)) == (False, True)
+    assert not has_no_heading(silent_pair)
+    pair_without_heading = drills_named("compass frozen", "position lost")
+    assert has_no_heading(pair_without_heading)
+    assert "No valid heading" in explained_texts(pair_without_heading)
+    assert not any(is_undetectable(drill, pair_without_heading) for drill in pair_without_heading)
+    cable, low = pair = drills_named("servo's cable out", "battery low")
     assert (prevents_steering(cable, pair), prevents_steering(low, pair)) == (True, False)

@@ -1,4 +1,4 @@
-"""Recordings, written and estimated once for all tests of a file."""
+"""A recorded sea, and the command `rambler-hil estimate` over tables and logs."""
 
 import csv
 import json
@@ -13,13 +13,13 @@ SHIP = "K=0.049,T=4,alpha=0,speed=0.5"
 
 
 @pytest.fixture(scope="session")
-def recorded():
+def recording():
     return sea()
 
 
 @pytest.fixture(scope="session")
-def estimated(tmp_path_factory):
-    """Return a function that runs the command over columns, and returns the rows of its CSV and its JSON."""
+def estimate(tmp_path_factory):
+    """Return a function that runs the command over columns and returns the columns of its CSV and its JSON."""
 
     def run(columns, *arguments):
         folder = tmp_path_factory.mktemp("estimate")
@@ -40,6 +40,6 @@ def estimated(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def whole(recorded, estimated):
-    """The estimate of a whole table."""
-    return estimated(recorded.columns)
+def whole_estimate(recording, estimate):
+    """Return the estimate over the whole recording."""
+    return estimate(recording.columns)

@@ -1,4 +1,4 @@
-"""An onboard log as a recording: what another program, or damage with a right checksum, may have put into it."""
+"""Conversion of onboard logs to recordings, including logs with invalid numbers or states."""
 
 import math
 from types import SimpleNamespace
@@ -36,24 +36,24 @@ def fix(t_s):
 
 @pytest.fixture
 def read_log(tmp_path):
-    """Read a log of one tick that holds these messages, behind a stored state."""
+    """Read a log with a stored state and one tick that contains the messages."""
 
-    def read_one(*messages, state=PARAMETERS):
+    def write_and_read(*messages, state=PARAMETERS):
         tick = Tick(0, 0.0, 0.0, 0, 10.0)
-        parts = [schema.TICK.pack(0.0, tick), schema.CHECKPOINT.pack_text(0.0, tick, state), *messages]
-        batch = b"".join([*parts, schema.CONTROL.pack(0.0, DECISION)])
+        messages_of_tick = [schema.TICK.pack(0.0, tick), schema.CHECKPOINT.pack_text(0.0, tick, state), *messages]
+        batch = b"".join([*messages_of_tick, schema.CONTROL.pack(0.0, DECISION)])
         path = tmp_path / "x.BIN"
         path.write_bytes(header(schema.TYPES, 0) + schema.end_bytes(batch, 0.0, 0))
         return read(path)
 
-    return read_one
+    return write_and_read
 
 
-def messages_at(times, *kinds):
-    return [kind(float(t_s)) for t_s in times for kind in kinds]
+def messages_at(times, *makers):
+    return [maker(float(t_s)) for t_s in times for maker in makers]
 
 
-def test_the_columns_of_a_log(read_log):
+def test_log_is_converted_to_columns(read_log):
     recording = read_log(*messages_at(range(30), heading, shaft, fix))
     assert recording.time_s.tolist() == list(range(30))
     assert set(recording.rudder_rad) == {-0.1}
@@ -62,17 +62,17 @@ def test_the_columns_of_a_log(read_log):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "number"),  # a shaft that is NaN is one that was not measured
+    ("makers", "number"),  # NaN in a shaft angle means not measured and is valid
     [((heading, shaft), math.nan), ((heading, shaft), -math.inf), ((shaft, heading), math.inf)],
 )
-def test_a_log_with_an_infinite_number_is_refused(read_log, kinds, number):
-    wrong, right = kinds
-    before, after = messages_at(range(30), *kinds), messages_at(range(31, 40), *kinds)
+def test_log_with_an_infinite_number_is_refused(read_log, makers, number):
+    invalid, valid = makers
+    before, after = messages_at(range(30), *makers), messages_at(range(31, 40), *makers)
     with pytest.raises(UsageError, match=r"x\.BIN: contains a number that is not finite; give a log"):
-        read_log(*before, wrong(30.0, number), right(30.0), *after)
+        read_log(*before, invalid(30.0, number), valid(30.0), *after)
 
 
-def test_a_log_whose_rudder_was_never_known_while_there_was_a_heading_is_too_short(read_log):
+def test_log_without_common_times_of_heading_and_rudder_is_refused(read_log):
     recording = read_log(*messages_at(range(30), heading), *messages_at(range(100, 130), shaft, fix))
     with pytest.raises(UsageError, match="too short, 0 rows"):
         recording.part(Source("x.BIN"))
@@ -81,7 +81,7 @@ def test_a_log_whose_rudder_was_never_known_while_there_was_a_heading_is_too_sho
 @pytest.mark.parametrize(
     "state", ["[" * 100_000, PARAMETERS.replace("0.0", "1" + "0" * 400), '{"parameters":[]}', "null", ""]
 )
-def test_an_invalid_state_is_ignored(read_log, state):
+def test_invalid_state_is_ignored(read_log, state):
     recording = read_log(*messages_at(range(30), heading, shaft), state=state)
     assert set(recording.rudder_rad) == {0.1}
     assert "no stored parameters: the shaft angle is used as rudder angle" in recording.notes

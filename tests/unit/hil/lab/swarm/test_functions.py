@@ -1,4 +1,4 @@
-"""The standard functions, and the minima that the fish swarm finds on them."""
+"""Standard functions, and the errors of the fish swarm on them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hil.lab.swarm.comparison import TABLE, optimum
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
 @pytest.mark.parametrize("dimensions", [2, 5])
-def test_the_minimum_is_zero_at_the_optimum(row, dimensions):
+def test_minimum_of_a_function_is_zero_at_its_optimum(row, dimensions):
     best = optimum(row.name, dimensions)
     assert np.all((best > row.low) & (best < row.high))
     assert row.function(best[None])[0] == pytest.approx(0.0, abs=1e-9)
@@ -19,7 +19,7 @@ def test_the_minimum_is_zero_at_the_optimum(row, dimensions):
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
-def test_the_optimum_is_not_in_the_middle_of_the_box(row):
+def test_optimum_is_not_in_the_middle_of_the_box(row):
     middle = 0.5 * (row.low + row.high)
     assert np.all(np.abs(optimum(row.name, 5) - middle) > 0.01 * (row.high - row.low))
 

@@ -1,4 +1,4 @@
-"""The settings of the swarm refuse what makes no sense."""
+"""Limits of the settings of the fish swarm."""
 
 import math
 
@@ -31,16 +31,16 @@ from hil.lab.swarm import SettingsError, SwarmSettings
         ("max_evaluations", 1),
     ],
 )
-def test_a_value_out_of_range_is_named_with_its_remedy(name, value):
+def test_value_out_of_range_is_refused_with_its_remedy(name, value):
     with pytest.raises(SettingsError, match=f"{name} .*: give "):
         SwarmSettings(**{name: value})
 
 
-def test_the_ends_of_the_ranges_are_allowed():
+def test_limits_of_the_ranges_are_allowed():
     SwarmSettings(fish=2, iterations=1, tries=1, vision=1.0, step=1.0, congestion=0.0, shrink=1.0, seed=2**64 - 1)
     SwarmSettings(fish=30, congestion=1.0, max_evaluations=30)
 
 
-def test_settings_are_values():
+def test_equal_settings_are_equal_and_hashable():
     assert SwarmSettings() == SwarmSettings()
     assert hash(SwarmSettings(seed=2)) == hash(SwarmSettings(seed=2))

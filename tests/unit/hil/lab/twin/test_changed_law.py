@@ -1,4 +1,4 @@
-"""A change of estimator or control law in firmware_py/ needs no change in hil/: a modified copy is compiled."""
+"""A change of estimator or control law in firmware_py needs no change in hil: a modified copy is compiled."""
 
 import os
 import re
@@ -46,43 +46,43 @@ print(hashlib.sha256(record.rudder_rad.tobytes()).hexdigest())
 
 
 @pytest.fixture(scope="module")
-def changed(tmp_path_factory):
-    """Copy both programs and the tests, and change the firmware alone."""
+def changed_copy(tmp_path_factory):
+    """Copy firmware_py, hil and the tests, and change only the firmware."""
     folder = tmp_path_factory.mktemp("changed")
     for part in ("firmware_py", "hil", "tests"):
         shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", folder)
     for name, before, after in CHANGES:
         path = folder / "firmware_py" / name
-        text, found = re.subn(before, after, path.read_text(), flags=re.MULTILINE)
-        assert found == 1, before
+        text, count = re.subn(before, after, path.read_text(), flags=re.MULTILINE)
+        assert count == 1, before
         path.write_text(text)
     return folder
 
 
-def output_of(folder, *words):
+def output_of(folder, *arguments):
     """Run Python on the programs of a folder; return its output."""
     environment = {**os.environ, "PYTHONPATH": f"{folder}:{folder / 'tests'}", "PYTEST_ADDOPTS": ""}
-    done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, check=False, capture_output=True, text=True
+    result = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, check=False, capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
 
 
-def test_compiled_functions_are_those_of_the_changed_firmware(changed, capsys):
+def test_compiled_functions_are_those_of_the_changed_firmware(changed_copy, capsys):
     exec(FUNCTIONS, {})
-    before, after = capsys.readouterr().out.splitlines(), output_of(changed, "-c", FUNCTIONS).splitlines()
+    before, after = capsys.readouterr().out.splitlines(), output_of(changed_copy, "-c", FUNCTIONS).splitlines()
     assert len(after) == len(before) == 2
-    for line, old in zip(after, before, strict=True):
+    for line, old_line in zip(after, before, strict=True):
         plain, compiled = line.split()
         assert plain == compiled
-        assert line != old
+        assert line != old_line
 
 
 @pytest.mark.proof  # the closed loop is compiled again
 @pytest.mark.timeout(1800)
-def test_the_closed_loop_uses_the_changed_firmware(changed):
-    assert output_of(ROOT, "-c", LOOP) != output_of(changed, "-c", LOOP)
-    # The exit status is not 0 if no test is selected.
-    output_of(changed, "-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")
+def test_closed_loop_uses_the_changed_firmware(changed_copy):
+    assert output_of(ROOT, "-c", LOOP) != output_of(changed_copy, "-c", LOOP)
+    # pytest fails if no test is selected.
+    output_of(changed_copy, "-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")

@@ -1,4 +1,4 @@
-"""Fixes of the compiled plant equal those that the autopilot decodes from the emulated receiver, to the last bit."""
+"""Fixes of the compiled plant equal those that the firmware decodes from the emulated receiver, to the last bit."""
 
 import math
 
@@ -12,7 +12,7 @@ from firmware_py.sensors.nmea_fields import latitude_field, longitude_field
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from hil.devices.nmea_text import format_coordinate
 from hil.lab.twin import devices
-from hil.lab.twin.sea import sea_of as drawn
+from hil.lab.twin.sea import sea_of as draw_sea
 from hil.ship.scenarios import parse_scenario
 from hil.sim.device_factory import make_emulators
 from hil.sim.vehicle_file import standard_vehicle
@@ -27,7 +27,7 @@ SECONDS = 120.0
 RUDDER = [(20.0 * turn, (-1) ** turn * 32 * (turn % 7) / devices.COUNTS_PER_RADIAN) for turn in range(6)]
 
 
-def decoded(scenario, seed):
+def decode_fixes(scenario, seed):
     """Yield the samples that the firmware decodes from the receiver in the harness's world."""
     world = World(scenario, seed, end_s=0.0)
     receiver, line = make_emulators(world, standard_vehicle(), seed)["position"], FakeLine()
@@ -45,18 +45,18 @@ def decoded(scenario, seed):
 @pytest.mark.parametrize("text", ["sea", "coast", "mission", "ocean-1", "ocean-4", "tank+orbital=0.2", "sea+receiver"])
 def test_fixes_equal_those_decoded_by_the_firmware(text):
     scenario = parse_scenario(text)
-    expected = [voyage.row_of(sample) for sample in decoded(scenario, 3)]
-    found = voyage.fixes(drawn(scenario, 3, SECONDS), RUDDER, SECONDS)
+    expected = [voyage.row_of(sample) for sample in decode_fixes(scenario, 3)]
+    fixes = voyage.fixes(draw_sea(scenario, 3, SECONDS), RUDDER, SECONDS)
     assert len(expected) >= SECONDS - 3
-    assert np.array_equal(found[: len(expected)], expected, equal_nan=True)
-    assert len(np.unique(found[:, devices.LATITUDE_RAD])) > 0.5 * len(expected)
+    assert np.array_equal(fixes[: len(expected)], expected, equal_nan=True)
+    assert len(np.unique(fixes[:, devices.LATITUDE_RAD])) > 0.5 * len(expected)
 
 
 @given(st.floats(-90.0, 90.0))
 @example(36.0)
 @example(36.99999999)
 @example(0.013)  # minutes / 60 differs from minutes * (1 / 60)
-def test_a_coordinate_is_decoded_as_it_is_printed(angle_deg):
+def test_decoded_coordinate_equals_the_printed_one_decoded_by_the_firmware(angle_deg):
     for letters, digits, read in (("NS", 2, latitude_field), ("EW", 3, longitude_field)):
         fields = format_coordinate(angle_deg, degree_digits=digits, letters=tuple(letters)).split(",")
         assert devices.decoded_coordinate(angle_deg) == radians(read(0)(fields))

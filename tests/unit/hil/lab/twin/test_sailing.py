@@ -8,7 +8,7 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
-from hil.lab.twin.sea import sea_of as drawn
+from hil.lab.twin.sea import sea_of as draw_sea
 from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 
@@ -22,17 +22,17 @@ SEAS = ("ocean-1", "ocean-4", "calm", "gusts", "swell+kt=0.5:2,delay=2", "sea+fl
 def run_of(number):
     parameters = ParameterSet().replaced("RUD_REVERSE", float(number % 2)).replaced("CTL_PRICE", 1.0 + 0.5 * number)
     goals = parse_goals(("0:0,30:60", "0:170", "20:-90,40:-80,60:0")[number % 3])
-    sea = drawn(parse_scenario(SEAS[number]), number + 1, SECONDS)
+    sea = draw_sea(parse_scenario(SEAS[number]), number + 1, SECONDS)
     return sailing.boat_of(parameters), LawSettings.of(parameters), sea, sailing.task_of(goals)
 
 
-def test_a_run_in_a_thread_without_tick_rows_is_identical():
+def test_run_in_a_thread_without_tick_rows_is_identical():
     runs = [run_of(number) for number in range(len(SEAS))]
     with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda run: sailing.sail(*run, SECONDS, ticks=False), runs))
-    for run, (record, ticks) in zip(runs, together, strict=True):
-        alone, count = sailing.sail(*run, SECONDS)
+        parallel_results = list(pool.map(lambda run: sailing.sail(*run, SECONDS, ticks=False), runs))
+    for run, (record, ticks) in zip(runs, parallel_results, strict=True):
+        record_alone, count = sailing.sail(*run, SECONDS)
         assert (record.ticks.size, ticks) == (0, count)
-        assert np.array_equal(record.heading_rad, alone.heading_rad)
-        assert np.array_equal(record.rudder_rad, alone.rudder_rad)
-    assert len({record.rudder_rad.tobytes() for record, _ in together}) == len(SEAS)
+        assert np.array_equal(record.heading_rad, record_alone.heading_rad)
+        assert np.array_equal(record.rudder_rad, record_alone.rudder_rad)
+    assert len({record.rudder_rad.tobytes() for record, _ in parallel_results}) == len(SEAS)
