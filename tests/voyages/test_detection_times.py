@@ -47,10 +47,10 @@ def report_time_and_error(sea, option, seed):
         goals.append((FIRST_TURN_S + LEG_S * leg, goal_rad))
     ticks, _ = voyage.sail(f"{sea}+{option}", seed, goals, FIRST_TURN_S + LEG_S * LEGS)
     since_s = ticks[:, loop.TICK_S] - FIRST_TURN_S
-    reports_s = since_s[(since_s > 0.0) & (ticks[:, loop.OSCILLATING] > 0.0)]
+    reported_s = since_s[(since_s > 0.0) & (ticks[:, loop.OSCILLATING] > 0.0)]
     second_half = (since_s > 0.0) & (since_s % LEG_S > 0.5 * LEG_S)
     error_deg = np.degrees(math.sqrt(np.mean(ticks[second_half, loop.ERROR_RAD] ** 2)))
-    return reports_s[0] if reports_s.size else math.inf, error_deg
+    return reported_s[0] if reported_s.size else math.inf, error_deg
 
 
 def known_shortfall(option, sea, reason):
@@ -67,13 +67,13 @@ def known_shortfall(option, sea, reason):
 def test_delayed_rudder_is_reported_as_often_as_by_the_former_estimator(option, sea):
     """A delay of 3 s needs no report: the loop tolerates it."""
     times_s, errors_deg = zip(*(report_time_and_error(sea, option, seed) for seed in range(1, 17)), strict=True)
-    reports_s = [time_s for time_s in times_s if math.isfinite(time_s)]
-    when = f"median {np.median(reports_s):.0f} s, worst {max(reports_s):.0f} s" if reports_s else "-"
-    print(f"{sea}+{option}: reported in {len(reports_s)} of 16, {when}; error {np.mean(errors_deg):.1f} deg")
+    reported_s = [time_s for time_s in times_s if math.isfinite(time_s)]
+    times_text = f"median {np.median(reported_s):.0f} s, worst {max(reported_s):.0f} s" if reported_s else "-"
+    print(f"{sea}+{option}: reported in {len(reported_s)} of 16, {times_text}; error {np.mean(errors_deg):.1f} deg")
     if option == "delay=3":
-        assert not reports_s
+        assert not reported_s
     else:
-        assert len(reports_s) >= FORMER_REPORTS[option][SEAS.index(sea)]
+        assert len(reported_s) >= FORMER_REPORTS[option][SEAS.index(sea)]
 
 
 class StuckCompassHull(rig.FineHull):

@@ -1,6 +1,6 @@
-"""The heading estimate in the compiled loop over a grid of seas and receivers: honest, and near an informed filter.
+"""Heading estimate of the compiled loop in a grid of seas and receivers: consistent, and near an informed filter.
 
-The receiver does not matter to the heading but through the speed at which K and T are taken; the grid shows it.
+The receiver affects the heading only through the speed at which K and T are evaluated.
 """
 
 import math
@@ -34,21 +34,21 @@ RECEIVERS = {
 LOW_PASSES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0)
 
 
-def judged(record):
-    """Return the mean squares of the heading error [rad^2] and of it by the claimed one, and of the low-passes."""
+def mean_squares(record):
+    """Return mean square heading error [rad^2], NEES, and mean square errors of the low-passed compass [rad^2]."""
     t = record.ticks
-    use = t[:, loop.TICK_S] > SETTLED_S
+    is_settled = t[:, loop.TICK_S] > SETTLED_S
     true_rad = np.interp(t[:, loop.TICK_S], np.arange(record.heading_rad.size) / 10.0, record.heading_rad)
-    error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[use]
+    error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[is_settled]
     first = np.flatnonzero(np.isfinite(t[:, loop.COMPASS_RAD]))[0]
     compass_rad = np.unwrap(t[first:, loop.COMPASS_RAD])
-    passes = []
+    low_pass_squares = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
         low = filter_first_order((1.0 - keep) * compass_rad, keep, compass_rad[0])
-        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[first:] - low])[use[first:]]
-        passes.append(float(np.mean(off**2)))
-    return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes
+        error_rad = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[first:] - low])[is_settled[first:]]
+        low_pass_squares.append(float(np.mean(error_rad**2)))
+    return float(np.mean(error**2)), float(np.mean((error / t[is_settled, loop.HEADING_SD_RAD]) ** 2)), low_pass_squares
 
 
 @pytest.mark.parametrize("receiver", RECEIVERS)
@@ -60,15 +60,22 @@ def test_uncertainty_is_consistent_and_near_the_informed_filter(diffusion, bias,
     figures = []
     for seed in SEEDS:
         sea = sea_of(parse_scenario(name), seed, SECONDS)
-        both = (
-            informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=informed, ticks=True)
-            for informed in (False, True)
+        records = (
+            informed_voyage.sail(
+                sea, GOALS, SECONDS, ParameterSet(), levels, informed_figures=informed_figures, ticks=True
+            )
+            for informed_figures in (False, True)
         )
-        figures.append([judged(record) for record in both])
-    ours, informed = zip(*figures, strict=True)
-    error_deg, best_deg = (math.degrees(math.sqrt(np.mean([one[0] for one in each]))) for each in (ours, informed))
-    nees, passes = np.mean([one[1] for one in ours]), np.mean([one[2] for one in ours], axis=0)
-    low_pass_deg = math.degrees(math.sqrt(passes.min()))
+        figures.append([mean_squares(record) for record in records])
+    estimate_figures, informed_figures = zip(*figures, strict=True)
+    error_deg, best_deg = (
+        math.degrees(math.sqrt(np.mean([run[0] for run in runs]))) for runs in (estimate_figures, informed_figures)
+    )
+    nees, low_pass_squares = (
+        np.mean([run[1] for run in estimate_figures]),
+        np.mean([run[2] for run in estimate_figures], axis=0),
+    )
+    low_pass_deg = math.degrees(math.sqrt(low_pass_squares.min()))
     print(f"{name}: error {error_deg:.2f}, informed {best_deg:.2f}, low-pass {low_pass_deg:.2f} deg, NEES {nees:.2f}")
     assert 0.6 <= nees <= 1.4
     assert error_deg <= 1.1 * best_deg + 0.1

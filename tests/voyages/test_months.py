@@ -1,7 +1,7 @@
-"""Alone for months: what is to be read afterwards is complete, and nothing has grown.
+"""Months without an operator: the logs are complete, and memory and disk space do not increase.
 
-`pytest -m proof tests/voyages/test_months.py -s` lives through 60 days, in some ten minutes of one core: an hour of
-each day the boat sails, a tick a second; then it is at a mooring, a tick in fourteen seconds.
+`pytest -m proof tests/voyages/test_months.py -s` simulates 60 days in about ten minutes of one core: each day the boat
+sails for an hour with a tick per second; then it is at a mooring with a tick every 14 s.
 """
 
 import gc
@@ -26,24 +26,24 @@ from support.plans import item, mission_file
 HOUR_S, MINUTE_S = 3600.0, 60.0
 SQUARE = (item(16, 600, 0), item(16, 600, 600), item(16, 0, 600), item(16, 0, 0), item(177, None, None, 0, -1))
 MOORED = frozenset({Fault.COMPASS_LOST, Fault.COMPASS_SILENT, Fault.POSITION_LOST})
-AFTER_S = 150.0  # a fault has to clear, and stands in the row of the minute in which it was there
-SETTLED_H = 6  # after which a run has all that it needs
-LOW, LOW_GONE = 0.405, 0.455  # of charge, about PWR_SAVE_PCT and what it clears above
+CLEARING_S = 150.0  # a fault needs time to clear and is in the row of the minute in which it was active
+SETTLED_H = 6  # after this time the memory of a run should be constant
+LOW_CHARGE, CLEAR_CHARGE = 0.405, 0.455  # near PWR_SAVE_PCT, and where the fault clears
 
 
-def sailed(directory, monkeypatch, days, sailing_s, causes, ends):
-    """Sail some days; return the boat, once what is left on disk has been looked at."""
+def simulate(directory, monkeypatch, days, sailing_s, causes, ends):
+    """Simulate some days and return the boat."""
     store = Store(directory)
     name, content = mission_file(*SQUARE)
     store.save(name, content.encode())
     store.close()
-    # That the disk keeps its promises is shown elsewhere; here it would cost minutes.
+    # Other tests check synchronisation to the disk, which would take minutes here.
     monkeypatch.setattr(os, "fsync", lambda _descriptor: None)
     monkeypatch.setattr(os, "fdatasync", lambda _descriptor: None)
     boat = Months(directory, days, sailing_s, causes, ends)
     monkeypatch.setattr(loop, "TickTimer", sparse(boat.world))
     gc.collect()
-    gc.freeze()  # as the program does at its start
+    gc.freeze()  # as at the start of the program
     try:
         return boat.run()
     finally:
@@ -54,30 +54,32 @@ def rows_of(boat):
     return list(daily_energy.rows(daily_energy.thin_logs(boat.directory / LOG_DIRECTORY)))
 
 
-def holes(boat, rows):
-    """Where the thin log says nothing, as seconds of the boat's time."""
+def gaps(boat, rows):
+    """Return the intervals without rows of the thin log, in seconds since the start."""
     ends = [(row.utc_s - row.span_s - UTC_S, row.utc_s - UTC_S) for row in rows]
-    between = [(before[1], after[0]) for before, after in pairwise([(0.0, 0.0), *ends, (boat.days * DAY_S,) * 2])]
+    between = [(previous[1], after[0]) for previous, after in pairwise([(0.0, 0.0), *ends, (boat.days * DAY_S,) * 2])]
     return [(begin_s, end_s) for begin_s, end_s in between if end_s - begin_s > 1.5]
 
 
-def unexplained(boat, rows):
-    """Each fault of a row that neither the script nor the charge of the battery explains: its day, its name."""
+def unexplained_faults(boat, rows):
+    """Return day and name of each fault in a row that neither the script nor the battery charge explains."""
     moorings = [
         Cause("mooring", day * DAY_S + boat.sailing_s, (day + 1) * DAY_S - WARM_S, MOORED)
         for day in range(math.ceil(boat.days))
     ]
-    found = []
+    unexplained_rows = []
     for row in rows:
         end_s = row.utc_s - UTC_S
         begin_s = end_s - row.span_s
-        because = {Fault.BATTERY_LOW} if 0.0 < min(_charges(boat, begin_s, end_s), default=1.0) < LOW_GONE else set()
+        explained = (
+            {Fault.BATTERY_LOW} if 0.0 < min(_charges(boat, begin_s, end_s), default=1.0) < CLEAR_CHARGE else set()
+        )
         for cause in (*boat.causes, *moorings):
-            if begin_s < cause.end_s + AFTER_S and end_s > cause.begin_s:
-                because |= cause.faults
-        stood = {fault for fault in Fault if int(row.values["Flt"]) >> fault & 1}
-        found += [(round(end_s / DAY_S, 4), fault.name) for fault in stood - because]
-    return found
+            if begin_s < cause.end_s + CLEARING_S and end_s > cause.begin_s:
+                explained |= cause.faults
+        active = {fault for fault in Fault if int(row.values["Flt"]) >> fault & 1}
+        unexplained_rows += [(round(end_s / DAY_S, 4), fault.name) for fault in active - explained]
+    return unexplained_rows
 
 
 def _charges(boat, begin_s, end_s):
@@ -85,53 +87,55 @@ def _charges(boat, begin_s, end_s):
     return [charge for charge in boat.charge[max(0, first) : last] if charge > 0.0]
 
 
-def seen(rows):
-    """All faults that stood at some time."""
-    bits = 0
+def active_faults(rows):
+    """Return all faults that were active at some time."""
+    fault_bits = 0
     for row in rows:
-        bits |= int(row.values["Flt"])
-    return {fault for fault in Fault if bits >> fault & 1}
+        fault_bits |= int(row.values["Flt"])
+    return {fault for fault in Fault if fault_bits >> fault & 1}
 
 
 def measured_wh(rows):
-    """What `rambler energy` adds up to, by name."""
+    """Return the energies that `rambler energy` shows, by name."""
     days = [day.amounts(None) for day in daily_energy.days(rows)]
     return {name: sum(day[name].wh for day in days) for name in ("solar", "load", "servo", "charged", "discharged")}
 
 
 def assert_good(boat, ends):
-    """Check a voyage of any length; return the relative errors of the logged energies."""
+    """Check log rows, faults and replay; return the relative errors of the logged energies."""
     rows = rows_of(boat)
     allowed = [(end.at_s - 130.0, end.at_s + end.off_s + 5.0) for end in (*ends, End("stop", boat.days * DAY_S))]
-    lost = [
-        hole
-        for hole in holes(boat, rows)
-        if not any(low_s <= hole[0] and hole[1] <= high_s for low_s, high_s in allowed)
+    unexpected_gaps = [
+        gap
+        for gap in gaps(boat, rows)
+        if not any(allowed_from_s <= gap[0] and gap[1] <= allowed_to_s for allowed_from_s, allowed_to_s in allowed)
     ]
-    assert lost == []
-    assert unexplained(boat, rows) == []
-    assert {fault for cause in boat.causes for fault in cause.faults} <= seen(rows)
-    truth, logged = boat.truth._asdict(), measured_wh(rows)
+    assert unexpected_gaps == []
+    assert unexplained_faults(boat, rows) == []
+    assert {fault for cause in boat.causes for fault in cause.faults} <= active_faults(rows)
+    truth, logged_wh = boat.truth._asdict(), measured_wh(rows)
     logs = log_files(boat.directory / LOG_DIRECTORY)
     assert replay_log(logs[max(logs)], state_from_text, step).identical
-    return {name: abs(logged[name] / truth[name] - 1.0) for name in truth}
+    return {name: abs(logged_wh[name] / truth[name] - 1.0) for name in truth}
 
 
-def test_six_hours(tmp_path, monkeypatch):
-    """A power cut under way, and a monitor that falls silent at the mooring."""
+def test_six_hours_with_a_power_cut_are_logged_completely(tmp_path, monkeypatch):
+    """Power is cut under way, and the power monitor stops sending at the mooring."""
     causes = (Cause("monitor", 7200.0, 7800.0, frozenset({Fault.POWER_SILENT})),)
     ends = (End("cut", 150.0),)
-    boat = sailed(tmp_path, monkeypatch, 0.25, 300.0, causes, ends)
+    boat = simulate(tmp_path, monkeypatch, 0.25, 300.0, causes, ends)
     errors = assert_good(boat, ends)
-    assert max(errors["solar"], errors["load"]) < 0.01  # the rest is so little that what the cut has lost counts
+    assert (
+        max(errors["solar"], errors["load"]) < 0.01
+    )  # the others are so small that the loss at the cut is significant
     assert "Started again: cut off (the first time)" in boat.text_counts
-    assert boat.text_counts["Armed"] == 1  # the boat sails on after the cut as before
+    assert boat.text_counts["Armed"] == 1  # after the cut the boat continues
 
 
 @pytest.mark.proof
 @pytest.mark.timeout(4 * HOUR_S)
-def test_sixty_days(tmp_path, monkeypatch, figures):
-    """`pytest -m proof tests/voyages/test_months.py -s`."""
+def test_sixty_days_are_logged_completely_with_constant_memory(tmp_path, monkeypatch, figures):
+    """The environment variable MONTHS_DAYS changes the number of days."""
     days, sailing_s = int(os.environ.get("MONTHS_DAYS", "60")), HOUR_S
 
     def at(day, hour):
@@ -153,7 +157,7 @@ def test_sixty_days(tmp_path, monkeypatch, figures):
         End("stop", at(41, 10.0), 6.0 * HOUR_S),
         End("cut", at(50, 12.0)),
     )
-    boat = sailed(tmp_path, monkeypatch, days, sailing_s, causes, ends)
+    boat = simulate(tmp_path, monkeypatch, days, sailing_s, causes, ends)
     print(boat.ticks, "ticks", dict(boat.text_counts))
     errors = assert_good(boat, ends)
     runs = [readings[SETTLED_H:] for readings in boat.resident_kib if len(readings) > 2 * SETTLED_H]
@@ -164,7 +168,7 @@ def test_sixty_days(tmp_path, monkeypatch, figures):
     figures.keep("months_thin_year", thin_bytes / 1e6 * 365.0 / days, "MB")
     figures.keep("months_logs", max(boat.disk_bytes) / 1e6, "MB")
     figures.keep("months_energy", 100.0 * max(errors.values()), "%")
-    # In a try of fewer days all that happens weighs more: an hour without a monitor, minutes that a cut has lost.
+    # With fewer days the losses are a larger fraction: an hour without a monitor, minutes lost at a cut.
     assert max(errors.values()) <= (0.01 if days >= 60 else 0.05)
     assert growth_mib <= 1.0
     assert thin_bytes / days * 365.0 <= 100e6

@@ -1,4 +1,4 @@
-"""A heading oscillation caused by a model mismatch is detected, and the gain is reduced until it ends."""
+"""Heading oscillations caused by a model mismatch are detected, and the gain is reduced until they end."""
 
 import math
 from functools import cache
@@ -53,8 +53,8 @@ def run_turn_with(cause):
 
 def spread(samples, from_s, to_s):
     """Return the standard deviations of heading and rudder [deg] between two times after the turn."""
-    part = samples[max(int(from_s - TURN_S), 0) : int(to_s - TURN_S)]
-    return part.std(axis=0)
+    samples_between = samples[max(int(from_s - TURN_S), 0) : int(to_s - TURN_S)]
+    return samples_between.std(axis=0)
 
 
 def first_oscillation(samples):
@@ -82,12 +82,12 @@ def test_gain_reduction_ends_an_oscillation():
 @pytest.mark.parametrize("cause", CAUSES)
 def test_oscillations_are_detected_in_time(cause, figures):
     boat, samples = run_turn_with(cause)
-    (begun_s, period_s), first_s = first_oscillation(samples), boat.times_of(ROW.text)[0]
-    print(cause, f"period {period_s:.0f} s, detected after {first_s - begun_s:.0f} s")
+    (start_s, period_s), first_s = first_oscillation(samples), boat.times_of(ROW.text)[0]
+    print(cause, f"period {period_s:.0f} s, detected after {first_s - start_s:.0f} s")
     figures.keep(key_of("oscillation", "period", cause), period_s, "s")
-    figures.keep(key_of("oscillation", "recognised", cause), first_s - begun_s, "s")
+    figures.keep(key_of("oscillation", "recognised", cause), first_s - start_s, "s")
     # Detection needs a half period and a part of the next.
-    assert first_s - begun_s <= max(60.0, 0.8 * period_s)
+    assert first_s - start_s <= max(60.0, 0.8 * period_s)
 
 
 @pytest.mark.proof

@@ -1,4 +1,4 @@
-"""Station keeping: a loiter circle of 100 m, in currents up to 0.7 of the boat's speed and beyond."""
+"""Station keeping in a loiter circle of 100 m, in currents up to 0.7 of the boat's speed, and in stronger ones."""
 
 import math
 
@@ -23,110 +23,110 @@ CASES = [
 ]
 
 
-def kept(boat, seconds):
-    """The true distances from where LOITER was entered, second by second."""
+def distances_in_loiter(boat, seconds):
+    """Return the true distance from the present position at each second of a time."""
     north_m, east_m = boat.where
-    first = len(boat.track)
+    first_row = len(boat.track)
     boat.run(seconds)
-    track = np.array(boat.track[first:])
+    track = np.array(boat.track[first_row:])
     return np.hypot(track[:, 1] - north_m, track[:, 2] - east_m)
 
 
-def test_for_five_minutes():
+def test_boat_stays_in_the_circle_for_five_minutes():
     boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
-    assert np.mean(kept(boat, 300.0) <= 100.0) >= 0.95
+    assert np.mean(distances_in_loiter(boat, 300.0) <= 100.0) >= 0.95
     assert not boat.times_of("Current too strong")
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize(("speed_m_s", "current_m_s", "more"), CASES)
-def test_for_a_day(figures, speed_m_s, current_m_s, more):
-    boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, **more), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
-    distance_m = kept(boat, 86_400.0)
-    inside = np.mean(distance_m <= 100.0)
-    case = f"{speed_m_s} m/s, current {current_m_s} m/s {more}"
-    figures.keep("station_day_outside", 100.0 * (1.0 - inside), "%", case)
+@pytest.mark.parametrize(("speed_m_s", "current_m_s", "options"), CASES)
+def test_boat_stays_in_the_circle_for_a_day(figures, speed_m_s, current_m_s, options):
+    boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, **options), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    distance_m = distances_in_loiter(boat, 86_400.0)
+    inside_fraction = np.mean(distance_m <= 100.0)
+    case = f"{speed_m_s} m/s, current {current_m_s} m/s {options}"
+    figures.keep("station_day_outside", 100.0 * (1.0 - inside_fraction), "%", case)
     figures.keep("station_day_farthest", distance_m.max(), "m", case)
-    assert inside >= 0.95
+    assert inside_fraction >= 0.95
     assert distance_m.max() < 150.0
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize("more", [{}, {"tide_s": 44712.0, "tide_rotary": 0.6}])
-def test_for_two_hours_without_a_receiver(figures, more, seed):
-    boat = rig.Sailing(rig.scenario(0.5, 0.2, 60.0, **more), seed, LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+@pytest.mark.parametrize("options", [{}, {"tide_s": 44712.0, "tide_rotary": 0.6}])
+def test_distance_without_a_receiver_is_limited_for_two_hours(figures, options, seed):
+    boat = rig.Sailing(rig.scenario(0.5, 0.2, 60.0, **options), seed, LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     boat.run(1800.0)
     boat.fix_every = 10**9
-    farthest_m = kept(boat, 7200.0).max()
+    max_distance_m = distances_in_loiter(boat, 7200.0).max()
     dead_reckoning = boat.snapshot.dead_reckoning
     north_m, east_m = Place(*placed(0.0, 0.0)).offset_m(
         Place(dead_reckoning.latitude_rad, dead_reckoning.longitude_rad)
     )
-    off_m = math.hypot(north_m - boat.where[0], east_m - boat.where[1])
-    case = f"seed {seed} {more}"
-    figures.keep("station_silent_farthest", farthest_m, "m", case)
-    figures.keep("station_silent_off", off_m, "m", case)
+    error_m = math.hypot(north_m - boat.where[0], east_m - boat.where[1])
+    case = f"seed {seed} {options}"
+    figures.keep("station_silent_farthest", max_distance_m, "m", case)
+    figures.keep("station_silent_off", error_m, "m", case)
     figures.keep("station_silent_sd", dead_reckoning.sd_m, "m", case)
-    assert off_m < 3.0 * dead_reckoning.sd_m
-    assert farthest_m < 200.0 + 3.0 * dead_reckoning.sd_m < 3000.0
+    assert error_m < 3.0 * dead_reckoning.sd_m
+    assert max_distance_m < 200.0 + 3.0 * dead_reckoning.sd_m < 3000.0
 
 
 @pytest.mark.parametrize("boot", [pytest.param("same", marks=pytest.mark.proof), "other"])
-def test_a_restart_without_a_receiver_keeps_the_station(boot):
+def test_restart_without_a_receiver_keeps_the_station(boot):
     boat = rig.Sailing(rig.scenario(0.6, 0.1), 1, BOOT_RESUME=2)
     boat.under_way(Mode.LOITER)
     boat.run(100.0)
     boat.fix_every = 10**9
-    text = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(0.0, "same", boat.t_s)))
-    fresh = State.at_start(boat.state.parameters, boat.state.plans)
-    boat.state, _ = resume.restore(fresh, text, resume.Moment(0.0, boot, boat.t_s))
-    first = len(boat.track)
+    stored = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(0.0, "same", boat.t_s)))
+    new_state = State.at_start(boat.state.parameters, boat.state.plans)
+    boat.state, _ = resume.restore(new_state, stored, resume.Moment(0.0, boot, boat.t_s))
+    first_row = len(boat.track)
     boat.run(15.0)
     assert boat.snapshot.dead_reckoning.time_since_fix_s == pytest.approx(15.0, abs=1.5)
     assert boat.snapshot.goal_heading_rad is not None
-    assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # a receiver switched on with the boat still searches
+    assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # after a start the receiver may still search
     boat.run(180.0)
-    assert np.hypot(*np.array(boat.track[first:])[:, 1:3].T).max() < 110.0
+    assert np.hypot(*np.array(boat.track[first_row:])[:, 1:3].T).max() < 110.0
     assert boat.snapshot.faults >> Fault.POSITION_LOST & 1
     assert (boat.snapshot.dead_reckoning.sd_m > 1e5) is (boot == "other")
 
 
-def stronger(speed_m_s, seed, **more):
-    boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
+def loiter_in_strong_current(speed_m_s, seed, **options):
+    boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **options), seed).under_way(Mode.LOITER)
     boat.run(1800.0)
     report_s = boat.times_of("Current too strong")
-    into_deg = math.degrees(boat.track[-1][3]) - (more.get("toward_deg", 90.0) + 180.0)
-    return report_s, abs(math.remainder(into_deg, 360.0))
+    deviation_deg = math.degrees(boat.track[-1][3]) - (options.get("toward_deg", 90.0) + 180.0)
+    return report_s, abs(math.remainder(deviation_deg, 360.0))
 
 
 @pytest.mark.proof
-def test_a_current_of_1_2_times_the_speed_is_detected_and_pointed_into():
-    report_s, off_deg = stronger(0.4, 1)
+def test_boat_heads_into_a_current_of_1_2_times_its_speed():
+    report_s, error_deg = loiter_in_strong_current(0.4, 1)
     assert report_s
     assert report_s[0] <= 1800.0
-    assert off_deg < 15.0
+    assert error_deg < 15.0
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
-def test_recognised_at_any_speed_and_from_any_side(figures, speed_m_s, toward_deg, seed):
-    report_s, off_deg = stronger(speed_m_s, seed, toward_deg=toward_deg)
+def test_strong_current_is_reported_at_each_speed_and_direction(figures, speed_m_s, toward_deg, seed):
+    report_s, error_deg = loiter_in_strong_current(speed_m_s, seed, toward_deg=toward_deg)
     assert report_s
     case = f"{speed_m_s} m/s toward {toward_deg:.0f} deg, seed {seed}"
     figures.keep("strong_current_reported", report_s[0], "s", case)
-    figures.keep("strong_current_off", off_deg, "deg", case)
-    assert off_deg < 20.0
+    figures.keep("strong_current_off", error_deg, "deg", case)
+    assert error_deg < 20.0
 
 
-def test_return_to_home():
+def test_boat_returns_to_home_and_stays():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED)
     boat.run(90.0)
     assert math.hypot(*boat.where) > 80.0
     boat.under_way(Mode.RTL)
     boat.run(2000.0, until=lambda boat: boat.snapshot.navigation.arrived)
-    first = len(boat.track)
+    first_row = len(boat.track)
     boat.run(150.0)
-    assert np.mean(np.hypot(*np.array(boat.track[first:])[:, 1:3].T) <= 65.0) > 0.95
+    assert np.mean(np.hypot(*np.array(boat.track[first_row:])[:, 1:3].T) <= 65.0) > 0.95
