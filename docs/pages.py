@@ -149,7 +149,7 @@ def sentence_table() -> str:
     users = {
         "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.ADDITIONAL_SENTENCES},
         "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.OTHER_SENTENCES},
-        "`rambler-hil identify`": nmea_capture.USED,
+        "`rambler-hil identify`": nmea_capture.USED_SENTENCES,
     }
     rows = []
     for kind, layout in sorted(SENTENCES.items()):
