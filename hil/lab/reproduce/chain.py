@@ -152,7 +152,9 @@ class Voyage:
         truth = self.truth
         for (first, last), goal in zip(goal_spans(truth.goal_rad), self.figures, strict=False):
             steady_start = first + int(np.searchsorted(truth.time_s[first:last], goal.steady_from_s - 1e-9))
-            errors = np.abs(heading_error_rad(truth.heading_low_rad[steady_start:last], truth.goal_rad[steady_start:last]))
+            errors = np.abs(
+                heading_error_rad(truth.heading_low_rad[steady_start:last], truth.goal_rad[steady_start:last])
+            )
             max_error_rad = max(max_error_rad, float(np.max(errors, initial=0.0)))
         return math.degrees(max_error_rad)
 

@@ -32,7 +32,7 @@ from hil.lab.numeric_core import (
     water_filter,
     water_results,
 )
-from support.heading_recording import Sea, filter_rows, draw_recording
+from support.heading_recording import Sea, draw_recording, filter_rows
 
 EDGES = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, math.pi, -math.pi, math.nextafter(math.pi, 0.0)),
