@@ -62,10 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all scores of each seed")
     parser.add_argument(
-        "--figures",
-        type=Path,
-        metavar="FILE",
-        help="replace the means in FILE, docs/figures.json, which the pages use",
+        "--figures", type=Path, metavar="FILE", help="replace the means in FILE, docs/figures.json, which the pages use"
     )
 
 

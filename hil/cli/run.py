@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'headings in degrees true, each set at a time in seconds (default "{DEFAULT_GOALS}", 1320 s)',
     )
     parser.add_argument(
-        "--mode",
-        choices=tuple(MODES),
-        help="set this mode instead of goals: auto sails the mission in --state",
+        "--mode", choices=tuple(MODES), help="set this mode instead of goals: auto sails the mission in --state"
     )
     parser.add_argument(
         "--play",

@@ -103,11 +103,7 @@ def _with_current(scenario: Scenario, text: str) -> Scenario:
     if not (0.0 <= speed_m_s <= 10.0 and abs(toward_deg) <= 360.0 and 0.0 <= hours <= 1e4 and abs(rotary) <= 1.0):
         raise UsageError(f"--current {text[:40]!r}: a number is out of range; {remedy}")
     return replace(
-        scenario,
-        current_m_s=speed_m_s,
-        current_toward_deg=toward_deg,
-        tide_s=hours * 3600.0,
-        tide_rotary=rotary,
+        scenario, current_m_s=speed_m_s, current_toward_deg=toward_deg, tide_s=hours * 3600.0, tide_rotary=rotary
     )
 
 

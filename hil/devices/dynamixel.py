@@ -11,15 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil.devices.dynamixel_frame import (
-    ALERT_BIT,
-    BROADCAST_ID,
-    Fault,
-    Instruction,
-    Packet,
-    PacketReader,
-    status_packet,
-)
+from hil.devices.dynamixel_frame import ALERT_BIT, BROADCAST_ID, Fault, Instruction, Packet, PacketReader, status_packet
 from hil.devices.dynamixel_motor import MotorMonitor
 from hil.devices.dynamixel_table import BAUD_RATES, Address, ControlTable, Register
 from hil.devices.emulator import Shaft

@@ -120,11 +120,7 @@ def sensor_in_enu(heading_rad: float, pitch_rad: float, roll_rad: float) -> Matr
     up_pitched = (-sh * sp, -ch * sp, cp)
     port = tuple(cr * a + sr * b for a, b in zip(port_level, up_pitched, strict=True))
     up = tuple(cr * b - sr * a for a, b in zip(port_level, up_pitched, strict=True))
-    return (
-        (forward[0], port[0], up[0]),
-        (forward[1], port[1], up[1]),
-        (forward[2], port[2], up[2]),
-    )
+    return ((forward[0], port[0], up[0]), (forward[1], port[1], up[1]), (forward[2], port[2], up[2]))
 
 
 def euler_deg(local: Matrix, sensor: Matrix) -> tuple[float, float, float]:

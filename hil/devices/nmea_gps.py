@@ -85,11 +85,7 @@ class NmeaGpsEmulator:
         position = self._measure_position()
         speed_m_s, course_deg = self._measure_velocity()
         if not self.fix or (self._gaps is not None and self._gaps.is_gap(epoch_s)):
-            bodies = (
-                f"RMC,{clock},V,,,,,,,{date},,,N",
-                f"GGA,{clock},,,,,0,00,99.99,,,,,,",
-                "VTG,,,,,,,,,N",
-            )
+            bodies = (f"RMC,{clock},V,,,,,,,{date},,,N", f"GGA,{clock},,,,,0,00,99.99,,,,,,", "VTG,,,,,,,,,N")
         else:
             knots = speed_m_s * KNOTS_PER_METRE_PER_SECOND
             course = f"{bearing(course_deg, 0.01):.2f}"

@@ -87,13 +87,7 @@ class VeDirectEmulator:
     """
 
     def __init__(
-        self,
-        plant: Plant,
-        kind: Kind,
-        *,
-        phase_s: float = 0.0,
-        frequency_error_ppm: float = 0.0,
-        baud: int = 19200,
+        self, plant: Plant, kind: Kind, *, phase_s: float = 0.0, frequency_error_ppm: float = 0.0, baud: int = 19200
     ) -> None:
         """Start at phase_s."""
         self.plant = plant

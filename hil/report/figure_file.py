@@ -33,12 +33,7 @@ def key_of(*words: str) -> str:
 
 def origin(command: str, machine: str) -> dict[str, str]:
     """Return date, commit, machine and command of figures measured now."""
-    return {
-        "when": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "commit": _commit(),
-        "machine": machine,
-        "command": command,
-    }
+    return {"when": datetime.now(UTC).strftime("%Y-%m-%d"), "commit": _commit(), "machine": machine, "command": command}
 
 
 def entry(value: float | str, unit: str, source: Mapping[str, str], **details: Any) -> dict[str, Any]:

@@ -48,10 +48,7 @@ def histogram(values: Array, marks: Sequence[float] = ()) -> str:
         f'<line class="cursor" x1="{x:.1f}" x2="{x:.1f}" y1="{HEAD}" y2="{base}"/>'
         for x in (left + inner * (mark - low) / (high - low) for mark in marks if low <= mark <= high)
     )
-    return _svg(
-        HEIGHT,
-        bars + lines + _axis(low, high, left, inner, base) + _counts(maximum, left, base, bar_scale),
-    )
+    return _svg(HEIGHT, bars + lines + _axis(low, high, left, inner, base) + _counts(maximum, left, base, bar_scale))
 
 
 @dataclass(frozen=True, slots=True)

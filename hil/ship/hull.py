@@ -266,6 +266,5 @@ def _ship_model_of(model: KtModel, scenario: Scenario, disturbances: Disturbance
     if (other := disturbances.other_ship) is None:
         return ship
     return ship._replace(
-        turning_ability_1_s=ship.turning_ability_1_s * other.ability,
-        turning_lag_s=ship.turning_lag_s * other.lag,
+        turning_ability_1_s=ship.turning_ability_1_s * other.ability, turning_lag_s=ship.turning_lag_s * other.lag
     )

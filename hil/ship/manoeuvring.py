@@ -84,10 +84,7 @@ class Manoeuvre:
 
 def sway_ratios(sway: SwayModel, speed_m_s: float) -> tuple[float, float]:
     """Return drive [m/s] and damping [1/s] of dv/dt = drive r + damping v; both are proportional to the speed."""
-    return (
-        -sway.surge_mass_kg * speed_m_s / sway.sway_mass_kg,
-        sway.sway_damping_kg_s(speed_m_s) / sway.sway_mass_kg,
-    )
+    return (-sway.surge_mass_kg * speed_m_s / sway.sway_mass_kg, sway.sway_damping_kg_s(speed_m_s) / sway.sway_mass_kg)
 
 
 def planar_step(

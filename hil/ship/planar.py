@@ -29,10 +29,7 @@ class Tide:
             return self._north_m_s, self._east_m_s
         phase_rad = TWO_PI * math.fmod(t_s, self._period_s) / self._period_s
         along, across = math.cos(phase_rad), self._rotary * math.sin(phase_rad)
-        return (
-            along * self._north_m_s - across * self._east_m_s,
-            along * self._east_m_s + across * self._north_m_s,
-        )
+        return (along * self._north_m_s - across * self._east_m_s, along * self._east_m_s + across * self._north_m_s)
 
 
 class PlanarMotion:

@@ -13,11 +13,7 @@ from dataclasses import dataclass
 SEA_WATER_KG_M3 = 1025.0
 
 # quantity -> (minimum, maximum) of merchant hulls
-ENVELOPE = {
-    "length / beam": (4.0, 10.0),
-    "beam / draft": (2.0, 4.5),
-    "block coefficient": (0.5, 0.85),
-}
+ENVELOPE = {"length / beam": (4.0, 10.0), "beam / draft": (2.0, 4.5), "block coefficient": (0.5, 0.85)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,7 @@ class WaveYaw:
     """
 
     def __init__(
-        self,
-        spread_rad: float,
-        peak_period_s: float,
-        step_s: float,
-        numbers: NormalNumbers,
-        damping: float = DAMPING,
+        self, spread_rad: float, peak_period_s: float, step_s: float, numbers: NormalNumbers, damping: float = DAMPING
     ) -> None:
         """Start in the stationary state; spread_rad is the standard deviation, 0 for a calm sea."""
         self._step_s = step_s

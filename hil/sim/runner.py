@@ -109,12 +109,7 @@ class _Run:
     """A run in progress."""
 
     def __init__(
-        self,
-        options: RunOptions,
-        board: Board,
-        station: GroundStation,
-        directory: Path,
-        begin: Callable[[], None],
+        self, options: RunOptions, board: Board, station: GroundStation, directory: Path, begin: Callable[[], None]
     ) -> None:
         self._options = options
         self._begin = begin

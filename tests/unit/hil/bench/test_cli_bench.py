@@ -88,16 +88,11 @@ def test_against_measures_only_the_baseline(calls, baseline, capsys):
     assert "load figure: 2.00x before, 2.00x now" in capsys.readouterr().out
 
 
-def test_three_worse_results_in_a_row_exit_with_1(calls, values, baseline, capsys):
-    values += [5.0, 4.0, 3.0]
-    assert main(["bench", "--against", baseline]) == 1
-    assert capsys.readouterr().out.count("WORSE") == len(calls) == 3
-
-
-def test_temporary_load_is_not_worse(calls, values, baseline, capsys):
-    values += [5.0, 5.0, 1.0]
-    assert main(["bench", "--against", baseline]) == 0
-    assert capsys.readouterr().out.count("WORSE") == 2
+@pytest.mark.parametrize(("results", "code", "count"), [([5.0, 4.0, 3.0], 1, 3), ([5.0, 5.0, 1.0], 0, 2)])
+def test_three_worse_results_in_a_row_exit_with_1(calls, values, baseline, capsys, results, code, count):
+    values += results
+    assert main(["bench", "--against", baseline]) == code
+    assert capsys.readouterr().out.count("WORSE") == count
     assert len(calls) == 3
 
 

@@ -4,14 +4,6 @@ from hil.__main__ import main
 from hil.sim.run_directory import locked_directory
 
 
-def test_board_does_not_overwrite_a_campaign(tmp_path, capsys):
-    (tmp_path / "campaign.json").write_text("{}")
-    (tmp_path / "truth.csv").write_text("kept")
-    assert main(["board", str(tmp_path), "--seconds", "10"]) == 2
-    assert "which would be overwritten; give another" in capsys.readouterr().err
-    assert (tmp_path / "truth.csv").read_text() == "kept"
-
-
 @pytest.mark.usefixtures("without_picture")
 def test_board_replaces_a_run_with_a_notice_and_keeps_other_state(tmp_path, capsys):
     (tmp_path / "run.json").write_text("{}")

@@ -292,19 +292,14 @@ def test_shutdown_removes_torque_until_reboot(bench):
     bench.engage()
 
 
-def test_error_outside_the_shutdown_mask_keeps_the_torque(bench):
+@pytest.mark.parametrize(
+    ("quantity", "value", "error", "torque"), [("voltage_v", 8.0, 0x01, 1), ("temperature_c", 81.0, 0x04, 0)]
+)
+def test_error_removes_the_torque_only_within_the_shutdown_mask(bench, quantity, value, error, torque):
     bench.engage()
-    bench.servo.motor.voltage_v = 8.0
+    setattr(bench.servo.motor, quantity, value)
     assert bench.write(116, 2100, 4) == ALERT
-    assert bench.read(70, 1) == 0x01
-    assert bench.read(64, 1) == 1
-
-
-def test_overheating_shuts_down(bench):
-    bench.engage()
-    bench.servo.motor.temperature_c = 81.0
-    assert bench.read(70, 1) == 0x04
-    assert bench.read(64, 1) == 0
+    assert [bench.read(70, 1), bench.read(64, 1)] == [error, torque]
 
 
 def test_jammed_servo_shuts_down_after_the_overload_time(bench):

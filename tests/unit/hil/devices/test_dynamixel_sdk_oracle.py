@@ -94,16 +94,6 @@ def test_goal_position_is_reached_and_read(sdk, port, shaft):
     assert (voltage, result, error) == (pytest.approx(120, abs=2), dynamixel_sdk.COMM_SUCCESS, 0)
 
 
-def test_reboot_clears_a_hardware_error(sdk, port, servo):
-    servo.inject_error(0x04)
-    _, result, error = sdk.ping(port, 1)
-    assert (result, error) == (dynamixel_sdk.COMM_SUCCESS, 0x80)
-    assert sdk.reboot(port, 1) == (dynamixel_sdk.COMM_SUCCESS, 0x80)
-    assert sdk.ping(port, 1)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
-    port.pass_time(port.now_s + 0.5)
-    assert sdk.ping(port, 1) == (1170, dynamixel_sdk.COMM_SUCCESS, 0)
-
-
 def test_group_sync_write_is_read_by_group_sync_read(sdk, port):
     sdk.write1ByteTxRx(port, 1, 64, 1)
     writer = dynamixel_sdk.GroupSyncWrite(port, sdk, 116, 4)

@@ -39,8 +39,7 @@ def test_bytes_are_unchanged_by_default(device):
 
 
 @pytest.mark.parametrize(
-    ("option", "low", "high"),
-    [("drop", 8800, 9200), ("duplicate", 10_800, 11_200), ("flip", 10_000, 10_000)],
+    ("option", "low", "high"), [("drop", 8800, 9200), ("duplicate", 10_800, 11_200), ("flip", 10_000, 10_000)]
 )
 def test_bytes_are_changed_with_their_probability(device, option, low, high):
     device.output = [bytes(10_000)]

@@ -134,19 +134,17 @@ def test_invalid_commands_get_an_error_or_no_reply(configured, ask, data, replie
     assert configured.stored == 0
 
 
-@pytest.mark.parametrize(("frame", "yaw"), [(0x0, -8.3), (0x4, 98.3), (0x8, -98.3)])
-def test_yaw_has_zero_and_sign_of_the_frame(measure, frame, yaw):
+@pytest.mark.parametrize(
+    ("frame", "angles_deg"),
+    [(0x0, (-4.5, -3.0, -8.3)), (0x4, (175.5, 3.0, 98.3)), (0x8, (-4.5, -3.0, -98.3))],
+    ids=["ENU", "NED", "NWU"],
+)
+def test_angles_have_zero_and_sign_of_the_frame(mti, measure, frame, angles_deg):
     """ENU counts from east to port, NWU from north to port, NED from north to starboard."""
+    mti.pitch_deg, mti.roll_deg = 3.0, -4.5
     output = measure((0x2030 | frame, 10))
     assert len(output) == 10
-    assert struct.unpack(">3f", output[-1][0x2030 | frame])[2] == pytest.approx(yaw, abs=1e-4)
-
-
-@pytest.mark.parametrize(("frame", "roll", "pitch"), [(0x0, -4.5, -3.0), (0x4, 175.5, 3.0), (0x8, -4.5, -3.0)])
-def test_pitch_and_roll_have_the_signs_of_the_frame(mti, measure, frame, roll, pitch):
-    mti.pitch_deg, mti.roll_deg = 3.0, -4.5
-    angles = struct.unpack(">3f", measure((0x2030 | frame, 10))[-1][0x2030 | frame])
-    assert angles[:2] == pytest.approx((roll, pitch), abs=1e-4)
+    assert struct.unpack(">3f", output[-1][0x2030 | frame]) == pytest.approx(angles_deg, abs=1e-4)
 
 
 def test_gyroscope_rates_are_in_sensor_axes(boat, mti, measure):

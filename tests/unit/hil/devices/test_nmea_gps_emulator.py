@@ -80,8 +80,7 @@ def test_coordinate_never_has_60_minutes(angle_deg, text):
 
 
 @pytest.mark.parametrize(
-    ("utc_s", "texts"),
-    [(1_704_067_199.999, ("000000.00", "010124")), (1_704_067_199.98, ("235959.98", "311223"))],
+    ("utc_s", "texts"), [(1_704_067_199.999, ("000000.00", "010124")), (1_704_067_199.98, ("235959.98", "311223"))]
 )
 def test_time_and_date_are_rounded_together(utc_s, texts):
     assert format_clock_and_date(utc_s) == texts

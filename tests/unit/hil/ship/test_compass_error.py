@@ -20,8 +20,7 @@ def compass(a=0.0, b=0.0, c=0.0, d=0.0, e=0.0, heel=0.0, lag=0.0):
 
 
 @pytest.mark.parametrize(
-    ("coefficient", "headings_deg"),
-    [("a", (0, 90, 200)), ("b", (90,)), ("c", (0,)), ("d", (45, 225)), ("e", (0, 180))],
+    ("coefficient", "headings_deg"), [("a", (0, 90, 200)), ("b", (90,)), ("c", (0,)), ("d", (45, 225)), ("e", (0, 180))]
 )
 def test_compass_reads_less_where_the_deviation_is_largest(coefficient, headings_deg):
     for heading_deg in headings_deg:

@@ -31,13 +31,6 @@ def test_rudder_at_the_offset_keeps_the_heading():
     assert plant.heading_rad == 0.0
 
 
-@pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.8, 1.2])
-def test_turning_radius_does_not_depend_on_the_speed(speed_m_s):
-    scaled = OCEAN_RAMBLER.at_speed(speed_m_s)
-    radius_m = speed_m_s / radians(steady_rate_deg_s(scaled, 30.0))
-    assert radius_m == pytest.approx(15.76, abs=0.005)
-
-
 def test_linear_model_has_an_exponential_response():
     plant = KtPlant(KtModel(0.049, 4.0, 0.0, 0.0, 0.4), STEP_S)
     for _ in range(200):

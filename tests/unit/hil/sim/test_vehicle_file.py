@@ -7,15 +7,7 @@ import pytest
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.errors import UsageError
-from hil.sim.vehicle_file import (
-    file_text,
-    load,
-    model_of,
-    mounting_of,
-    parse_settings,
-    standard_vehicle,
-    with_devices,
-)
+from hil.sim.vehicle_file import file_text, load, model_of, mounting_of, parse_settings, standard_vehicle, with_devices
 from hil.sim.world import Mounting
 
 PORTS = {"compass": '/tmp/a "b"/compass', "position": "/p", "rudder": "/r", "link": "/l"}
