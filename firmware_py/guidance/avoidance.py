@@ -1,10 +1,10 @@
 """Vessel avoidance: steers the heading with the largest distance to approaching vessels until they have passed.
 
 The speed of the boat is about 0.4 m/s: within 25 minutes after the detection of a ship it can move 600 m away from its
-track, but a late manoeuvre has no effect. Collision regulations are not applied. Every 30 s a round of trials starts
-with headings within a sector around the unchanged course, one in each tick. The measure is the closest approach of all
-vessels at constant velocity; a heading that leads near the fence is rejected. The model has no turning time. If the
-boat follows a line, the unchanged course is the heading that keeps the course of the line in the estimated current.
+track, but a late manoeuvre has no effect. Collision regulations are not applied. Every 30 s a round starts: each
+tick tries one heading within a sector around the unchanged course. The measure is the closest approach of all vessels
+at constant velocity; a heading that leads near the fence is rejected. The model has no turning time. If the boat
+follows a line, the unchanged course is the heading that keeps the course of the line in the estimated current.
 """
 
 from __future__ import annotations

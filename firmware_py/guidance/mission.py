@@ -119,10 +119,5 @@ def _complete(progress: MissionProgress, inputs: MissionInput) -> MissionProgres
     last_index = max(0, len(inputs.steps) - 1)
     is_unusable = not inputs.steps or _is_endless(progress, inputs)
     return replace(
-        progress,
-        index=min(progress.index, last_index),
-        begun=False,
-        complete=True,
-        unusable=is_unusable,
-        task=task,
+        progress, index=min(progress.index, last_index), begun=False, complete=True, unusable=is_unusable, task=task
     )

@@ -21,7 +21,7 @@ from firmware_py.guidance.approach import Velocity, relative_motion
 
 MAX_VESSELS = 100
 # For a moving vessel, and for a vessel at rest, which reports every three minutes; some reports are lost.
-DROP_AFTER_S, STILL_DROP_AFTER_S = 600.0, 1800.0
+MAX_SILENCE_S, MAX_SILENCE_AT_REST_S = 600.0, 1800.0
 CHECK_INTERVAL_S = 2.0
 REPORT_INTERVAL_S = 5.0  # between reports of two vessels
 REPEAT_INTERVAL_S = 600.0  # between reports of a receiver problem or of a distress beacon
@@ -39,8 +39,8 @@ class TrafficSettings(msgspec.Struct, frozen=True):
 
     near_m: float
     near_s: float
-    still_m: float
-    still_m_s: float
+    rest_near_m: float
+    max_rest_speed_m_s: float
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> TrafficSettings:
@@ -48,8 +48,8 @@ class TrafficSettings(msgspec.Struct, frozen=True):
         return cls(
             near_m=parameters["AIS_NEAR_M"],
             near_s=parameters["AIS_NEAR_S"],
-            still_m=parameters["AIS_STILL_M"],
-            still_m_s=parameters["AIS_STILL_M_S"],
+            rest_near_m=parameters["AIS_STILL_M"],
+            max_rest_speed_m_s=parameters["AIS_STILL_M_S"],
         )
 
     @property
@@ -59,14 +59,14 @@ class TrafficSettings(msgspec.Struct, frozen=True):
 
     def limit_m(self, position: VesselPosition) -> float:
         """Return the distance below which a vessel is near."""
-        return self.near_m if self._is_moving(position) else self.still_m
+        return self.near_m if self._is_moving(position) else self.rest_near_m
 
-    def drop_after_s(self, position: VesselPosition) -> float:
+    def max_silence_s(self, position: VesselPosition) -> float:
         """Return the time without reports after which a vessel is removed."""
-        return DROP_AFTER_S if self._is_moving(position) else STILL_DROP_AFTER_S
+        return MAX_SILENCE_S if self._is_moving(position) else MAX_SILENCE_AT_REST_S
 
     def _is_moving(self, position: VesselPosition) -> bool:
-        return position.speed_m_s is not None and position.speed_m_s >= self.still_m_s
+        return position.speed_m_s is not None and position.speed_m_s >= self.max_rest_speed_m_s
 
 
 class TrafficState(msgspec.Struct, frozen=True):
@@ -99,11 +99,7 @@ class OwnMotion(msgspec.Struct, frozen=True):
 
 
 def update(
-    settings: TrafficSettings,
-    state: TrafficState,
-    reports: Sequence[VesselReport],
-    own: OwnMotion | None,
-    now_s: float,
+    settings: TrafficSettings, state: TrafficState, reports: Sequence[VesselReport], own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
     """Add the reports of a tick, and check the table every CHECK_INTERVAL_S; return the state and the events."""
     events: tuple[Event, ...] = ()
@@ -191,7 +187,7 @@ def _check_vessels(
     settings: TrafficSettings, state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
     recent = [
-        vessel for vessel in state.vessels if now_s - vessel.position.t_s <= settings.drop_after_s(vessel.position)
+        vessel for vessel in state.vessels if now_s - vessel.position.t_s <= settings.max_silence_s(vessel.position)
     ]
     if own is None:
         reset = (replace(vessel, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for vessel in recent)

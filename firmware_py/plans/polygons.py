@@ -23,9 +23,9 @@ Edge = tuple[Point, Point]
 
 
 class Polygon(msgspec.Struct, frozen=True):
-    """A polygon: the items [first, first + count) of a fence."""
+    """A polygon: the items [first_index, first_index + count) of a fence."""
 
-    first: int
+    first_index: int
     count: int
     inclusion: bool
 

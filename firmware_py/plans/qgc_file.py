@@ -303,7 +303,7 @@ def _make_fence_section(plan: Plan) -> Mapping[str, Any]:
         {
             "version": 1,
             "inclusion": polygon.inclusion,
-            "polygon": [_to_degrees(item) for item in items[polygon.first : polygon.first + polygon.count]],
+            "polygon": [_to_degrees(item) for item in items[polygon.first_index : polygon.first_index + polygon.count]],
         }
         for polygon in polygons_of(items)
     ]

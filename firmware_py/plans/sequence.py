@@ -39,8 +39,8 @@ def next_places(items: Sequence[PlanItem]) -> list[int | None]:
         row = ROWS.get(item.command)
         if row is None or row.command in (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE):
             continue
-        if row.lasts:
-            next_place = index if row.place and (item.x or item.y) else None
+        if row.has_duration:
+            next_place = index if row.has_place and (item.x or item.y) else None
         elif row.command in (Command.JUMP, Command.JUMP_TO_TAG):
             next_place = None
     return places[::-1]
@@ -97,7 +97,7 @@ def _find_endless_loop(
 def _successors(items: Sequence[PlanItem], tags: Mapping[int, int], index: int) -> tuple[int, ...]:
     """Return the items that can follow for ever: after a limited number of jumps the next item follows."""
     item = items[index]
-    if ROWS[item.command].lasts:
+    if ROWS[item.command].has_duration:
         return ()
     target = jump_target(item, tags)
     if target is not None and item.params[1] < 0.0:

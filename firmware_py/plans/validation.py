@@ -51,7 +51,7 @@ def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | No
     if row is None or row.kind is not kind:
         name = f"command {item.command}" if row is None else row.name
         return PlanProblem(index, PlanResult.UNSUPPORTED, f"{name} is not known in a {kind.name.lower()} plan")
-    if item.frame not in PLACE_FRAMES and (row.place or item.frame != MISSION_FRAME):
+    if item.frame not in PLACE_FRAMES and (row.has_place or item.frame != MISSION_FRAME):
         return PlanProblem(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
     for number, value in enumerate(item.params, start=1):
         if math.isinf(value):
@@ -65,9 +65,9 @@ def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | No
 
 
 def _position_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
-    if row.place and not -_MAX_LATITUDE <= item.x <= _MAX_LATITUDE:
+    if row.has_place and not -_MAX_LATITUDE <= item.x <= _MAX_LATITUDE:
         return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is out of range")
-    if row.place and not -_MAX_LONGITUDE <= item.y <= _MAX_LONGITUDE:
+    if row.has_place and not -_MAX_LONGITUDE <= item.y <= _MAX_LONGITUDE:
         return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is out of range")
     # Position 0, 0 is the present position in a mission and valid in a fence; in a rally point it means unset fields.
     if row.command is Command.RALLY_POINT and item.x == item.y == 0:

@@ -34,9 +34,9 @@ def set_servo(context: LinkContext, call: CommandCall) -> Answer:
     """Set the rudder angle for BENCH_S: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
     servo, pulse_us = call.parameters[:2]
     if servo != _RUDDER_SERVO:
-        return call.denied("only servo 1, the rudder, is supported")
+        return call.deny("only servo 1, the rudder, is supported")
     if not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
-        return call.denied("the pulse is not within 1000 to 2000 us")
+        return call.deny("the pulse is not within 1000 to 2000 us")
     return context.request(call.message, BenchRudder((pulse_us - _CENTRE_US) / _FULL_US, BENCH_S), call.now_s)
 
 
@@ -86,10 +86,7 @@ def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibra
 
     context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn a full circle by hand, ashore")
     return PendingCommand(
-        timeout_s=_COMPASS_TIMEOUT_S,
-        percent=lambda: compass.calibration().percent,
-        cancel=compass.cancel,
-        poll=poll,
+        timeout_s=_COMPASS_TIMEOUT_S, percent=lambda: compass.calibration().percent, cancel=compass.cancel, poll=poll
     )
 
 
@@ -97,9 +94,9 @@ def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCo
     """Set the compass offset so that the present heading equals param1, in degrees from true north."""
     yaw_deg, mask = call.parameters[:2]
     if not within(yaw_deg, -360.0, 360.0):
-        return call.denied("the yaw is not within -360 to 360 deg")
+        return call.deny("the yaw is not within -360 to 360 deg")
     if mask not in (0.0, 1.0) and not math.isnan(mask):
-        return call.denied(f"compass mask (param2) {mask:g} is neither 0 nor 1")
+        return call.deny(f"compass mask (param2) {mask:g} is neither 0 nor 1")
     snapshot = context.snapshot
     if snapshot is None or snapshot.armed:
         return _ARMED
@@ -123,7 +120,7 @@ def manage_storage(context: LinkContext, call: CommandCall) -> Answer | PendingC
     """Reset the parameters that links have set (param1 = 2); read (0) and write (1) have no effect on the values."""
     parameters, plans = call.parameters[:2]
     if parameters not in (_READ, _WRITE, _RESET):
-        return call.denied("param1 is neither 0 (read), 1 (write) nor 2 (reset)")
+        return call.deny("param1 is neither 0 (read), 1 (write) nor 2 (reset)")
     if plans not in (_READ, _WRITE) and not math.isnan(plans) and plans != -1.0:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: plans are cleared by MISSION_CLEAR_ALL")
     if parameters == _RESET:
@@ -219,7 +216,7 @@ def _check_mask(call: CommandCall) -> Answer | None:
     mask = call.parameters[0]
     if mask in (0.0, 1.0) or math.isnan(mask):
         return None
-    return call.denied(f"compass mask (param1) {mask:g} is neither 0 nor 1")
+    return call.deny(f"compass mask (param1) {mask:g} is neither 0 nor 1")
 
 
 def _refuse_swing(reason: str) -> Answer:
@@ -227,12 +224,7 @@ def _refuse_swing(reason: str) -> Answer:
 
 
 COMMANDS = (
-    CommandRow(
-        183,
-        "DO_SET_SERVO",
-        set_servo,
-        "disarmed, on the bench: rudder (servo 1) to param2 (us) for 10 s",
-    ),
+    CommandRow(183, "DO_SET_SERVO", set_servo, "disarmed, on the bench: rudder (servo 1) to param2 (us) for 10 s"),
     CommandRow(
         241,
         "PREFLIGHT_CALIBRATION",

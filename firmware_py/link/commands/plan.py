@@ -19,20 +19,20 @@ def set_home(context: LinkContext, call: CommandCall) -> Answer:
     """Set home to the present position (param1 = 1) or to the position in param5 to param7 (0)."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
-        return call.denied(NEITHER)
+        return call.deny(NEITHER)
     if use_present:
         return context.request(call.message, SetHome(), call.now_s)
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
-        return call.denied(f"frame {call.frame} is not a global one")
+        return call.deny(f"frame {call.frame} is not a global one")
     home = home_request(*call.position_deg, call.z)
-    return call.denied(home) if isinstance(home, str) else context.request(call.message, home, call.now_s)
+    return call.deny(home) if isinstance(home, str) else context.request(call.message, home, call.now_s)
 
 
 def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
     """Pause the mission (param1 = 0) or continue it (1)."""
     action = call.parameters[0]
     if action not in (0.0, 1.0):
-        return call.denied(NEITHER)
+        return call.deny(NEITHER)
     return context.request(call.message, PauseMission(paused=action == 0.0), call.now_s)
 
 
@@ -40,11 +40,11 @@ def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     """Enter AUTO, at item param1 if that is not 0; param2 must be 0 or the last item."""
     first, last = call.parameters[:2]
     if not _item_count(context):
-        return call.denied("there is no mission")
+        return call.deny("there is no mission")
     index = _item_index(context, first)
     allowed_last = (0.0, float(_item_count(context) - 1 + first_item_number(context.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in allowed_last:
-        return call.denied(f"first item {first:g} or last item {last:g} is not valid")
+        return call.deny(f"first item {first:g} or last item {last:g} is not valid")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
     # 0 is the current item. After the mode change, an item in range is not refused.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
@@ -56,7 +56,7 @@ def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
     """Continue with another item of the mission; param2 = 1 also restarts it."""
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
-        return call.denied(f"param2 {restart:g} is neither 0 nor 1")
+        return call.deny(f"param2 {restart:g} is neither 0 nor 1")
     index = _item_index(context, number)
     if index is None:
         return Answer(Verdict.FAILED, f"{call.name}: the mission has no such item")
@@ -85,9 +85,9 @@ def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
     """Enable (param1 = 1) or disable (0) the whole fence."""
     state, kinds = call.parameters[:2]
     if state not in (0.0, 1.0):
-        return call.denied(NEITHER)
+        return call.deny(NEITHER)
     if not within(kinds, 0, UINT16_MAX) and kinds == kinds:  # noqa: PLR0124 - NaN means "not used"
-        return call.denied("the kinds of fence are not a number")
+        return call.deny("the kinds of fence are not a number")
     if kinds > 0:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: fence kinds cannot be chosen; use param2 = 0")
     return context.request(call.message, EnableFence(state == 1.0), call.now_s)
@@ -98,7 +98,7 @@ def change_speed(context: LinkContext, call: CommandCall) -> Answer:
     for meaning in ROWS[Command.CHANGE_SPEED].meanings:
         value = call.parameters[meaning.number - 1]
         if not meaning.admits(value):
-            return call.denied(f"param{meaning.number} is {value:g}; allowed: {meaning.allowed()}")
+            return call.deny(f"param{meaning.number} is {value:g}; allowed: {meaning.allowed()}")
     context.send_text_limited(
         call.peer, Severity.NOTICE, "Speed command ignored: a wave glider cannot set its speed", call.now_s
     )

@@ -84,7 +84,7 @@ def set_message_interval(context: LinkContext, call: CommandCall) -> Answer:  # 
     if number not in ROWS_OF:
         return _UNSUPPORTED
     if not call.peer.streams.set_interval(number, call.parameters[1], call.now_s):
-        return call.denied("interval must be 20 ms (satellite: 10 s) to 1 h, 0 or -1; HEARTBEAT is fixed")
+        return call.deny("interval must be 20 ms (satellite: 10 s) to 1 h, 0 or -1; HEARTBEAT is fixed")
     return ACCEPTED
 
 
@@ -92,7 +92,7 @@ def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
     """Start or stop HIGH_LATENCY2 on every satellite link."""
     state = call.parameters[0]
     if state not in (0.0, 1.0):
-        return call.denied(NEITHER)
+        return call.deny(NEITHER)
     context.high_latency = state == 1.0
     interval_s = context.request_handler.parameters()["LNK_SAT_S"] if context.high_latency else None
     for peer in context.peers:
@@ -140,11 +140,7 @@ COMMANDS = (
     ),
     CommandRow(519, "REQUEST_PROTOCOL_VERSION", send_protocol_version, "send PROTOCOL_VERSION", repeatable=True),
     CommandRow(
-        520,
-        "REQUEST_AUTOPILOT_CAPABILITIES",
-        send_autopilot_version,
-        "send AUTOPILOT_VERSION",
-        repeatable=True,
+        520, "REQUEST_AUTOPILOT_CAPABILITIES", send_autopilot_version, "send AUTOPILOT_VERSION", repeatable=True
     ),
     CommandRow(
         2600,

@@ -55,7 +55,7 @@ class CommandCall(msgspec.Struct, frozen=True):
     now_s: float
     name: str
 
-    def denied(self, reason: str) -> Answer:
+    def deny(self, reason: str) -> Answer:
         """Return the refusal of a parameter that is out of range or not a number."""
         return Answer(Verdict.DENIED, f"{self.name}: {reason}")
 
@@ -76,7 +76,7 @@ class CommandCall(msgspec.Struct, frozen=True):
         return self.message.get_srcSystem(), self.message.get_srcComponent()
 
 
-def _unknown() -> int:
+def _unknown_progress() -> int:
     return UNKNOWN_PROGRESS
 
 
@@ -87,7 +87,7 @@ class PendingCommand:
         self,
         *,
         timeout_s: float,
-        percent: Callable[[], int] = _unknown,
+        percent: Callable[[], int] = _unknown_progress,
         cancel: Callable[[], None] | None = None,
         poll: Callable[[], Answer | None] | None = None,
         timeout_answer: Answer = _TIMED_OUT,
@@ -201,14 +201,12 @@ class CommandServer:
             pending.poll_end()
             if pending.has_ended:
                 continue
+            is_latest = latest.get((call.peer, call.sender, call.command), pending) is pending
             if pending.has_timed_out(now_s):
                 pending.abandon()
-                self._conclude(
-                    call, pending, replace(pending.timeout_answer, text=f"{call.name}: {pending.timeout_answer.text}")
-                )
-            elif latest.get((call.peer, call.sender, call.command), pending) is pending and pending.is_progress_due(
-                now_s
-            ):
+                text = f"{call.name}: {pending.timeout_answer.text}"
+                self._conclude(call, pending, replace(pending.timeout_answer, text=text))
+            elif is_latest and pending.is_progress_due(now_s):
                 self._acknowledge(call, IN_PROGRESS, pending.percent())
 
     def _receive_long(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -216,7 +214,7 @@ class CommandServer:
         parameters = (message.param1, message.param2, message.param3, message.param4)
         position = (message.param5, message.param6, message.param7)
         row = self._rows.get(message.command)
-        call = CommandCall(peer, message, message.command, parameters, *position, None, now_s, _name(row))
+        call = CommandCall(peer, message, message.command, parameters, *position, None, now_s, _name_of(row))
         # Duplicates are compared as bytes, since NaN is not equal to itself.
         self._execute_once(row, call, struct.pack("<7f", *parameters, *position), is_retry=message.confirmation > 0)
 
@@ -225,7 +223,7 @@ class CommandServer:
         parameters = (message.param1, message.param2, message.param3, message.param4)
         row = self._rows.get(message.command)
         position = (float(message.x), float(message.y), message.z)
-        call = CommandCall(peer, message, message.command, parameters, *position, message.frame, now_s, _name(row))
+        call = CommandCall(peer, message, message.command, parameters, *position, message.frame, now_s, _name_of(row))
         content = struct.pack("<B4fiif", message.frame, *parameters, message.x, message.y, message.z)
         self._execute_once(row, call, content, is_retry=False)
 
@@ -329,7 +327,7 @@ class CommandServer:
         self._context.send(call.peer, reply, Priority.URGENT)
 
 
-def _name(row: CommandRow | None) -> str:
+def _name_of(row: CommandRow | None) -> str:
     return "" if row is None else row.name
 
 
@@ -368,9 +366,9 @@ class CommandMemory:
             return None
         if relative:
             for record in (latest, *earlier):
-                if _same(record, new) and _is_repeated(record, new, is_retry=is_retry):
+                if _has_same_content(record, new) and _is_repeated(record, new, is_retry=is_retry):
                     return record
-        if not _same(latest, new):
+        if not _has_same_content(latest, new):
             return _find_earlier_duplicate(new, latest, earlier)
         age_s = new.t_s - latest.t_s
         if is_retry:
@@ -411,7 +409,7 @@ def _is_repeated(record: CommandRecord, new: CommandRecord, *, is_retry: bool) -
     return is_other_path and record.sequence == new.sequence and age_s < DUPLICATE_S
 
 
-def _same(record: CommandRecord, other: CommandRecord) -> bool:
+def _has_same_content(record: CommandRecord, other: CommandRecord) -> bool:
     return record.content == other.content and record.is_int is other.is_int
 
 
@@ -425,7 +423,7 @@ def _find_earlier_duplicate(
         (
             record
             for record in earlier
-            if record.sequence == new.sequence and _same(record, new) and new.t_s - record.t_s < OVERTAKEN_S
+            if record.sequence == new.sequence and _has_same_content(record, new) and new.t_s - record.t_s < OVERTAKEN_S
         ),
         None,
     )

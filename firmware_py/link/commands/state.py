@@ -22,9 +22,9 @@ def set_mode(context: LinkContext, call: CommandCall) -> Answer:
     """Enter the custom mode param2; the flags in param1 must include CUSTOM_MODE_ENABLED."""
     base_mode, custom_mode = call.parameters[:2]
     if not within(base_mode, 0, 255) or not int(base_mode) & _CUSTOM:
-        return call.denied("only custom modes can be set")
+        return call.deny("only custom modes can be set")
     if not within(custom_mode, 0, UINT32_MAX) or custom_mode != int(custom_mode):
-        return call.denied("the mode is not a whole number")
+        return call.deny("the mode is not a whole number")
     return context.request(call.message, SetMode(int(custom_mode)), call.now_s)
 
 
@@ -50,7 +50,7 @@ return_to_launch = _make_mode_action(Mode.RTL)
 def loiter(context: LinkContext, call: CommandCall) -> Answer:
     """Enter LOITER at the present position; any other position is refused."""
     if any(value not in (0.0, INT32_MAX) and not math.isnan(value) for value in (call.x, call.y)):
-        return call.denied("position not supported; use DO_REPOSITION")
+        return call.deny("position not supported; use DO_REPOSITION")
     return context.request(call.message, SetMode(int(Mode.LOITER)), call.now_s)
 
 
@@ -61,7 +61,7 @@ def restart(context: LinkContext, call: CommandCall) -> Answer:
     """
     action, computer, component = call.parameters[:3]
     if action not in (0.0, 1.0, 2.0):
-        return call.denied("param1 is neither 0, 1 (restart) nor 2 (shut down)")
+        return call.deny("param1 is neither 0, 1 (restart) nor 2 (shut down)")
     if any(not math.isnan(value) and value != 0.0 for value in (computer, component)):
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: only the autopilot itself can be restarted")
     if action == 0.0:
@@ -73,7 +73,7 @@ def arm_disarm(context: LinkContext, call: CommandCall) -> Answer:
     """Arm (param1 = 1) or disarm (0)."""
     state, force = call.parameters[:2]
     if state not in (0.0, 1.0):
-        return call.denied(NEITHER)
+        return call.deny(NEITHER)
     return context.request(call.message, Arm(state == 1.0, force == _FORCE), call.now_s)
 
 

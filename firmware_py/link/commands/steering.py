@@ -97,12 +97,12 @@ def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
     """
     angle_deg, _, direction, relative = call.parameters
     if relative not in (0.0, 1.0):
-        return call.denied(_NEITHER_RELATIVE.format(4))
+        return call.deny(_NEITHER_RELATIVE.format(4))
     if direction not in (-1.0, 0.0, 1.0):
-        return call.denied("the direction is not -1, 0 or 1")
+        return call.deny("the direction is not -1, 0 or 1")
     min_angle_deg = -360.0 if relative and not direction else 0.0
     if not within(angle_deg, min_angle_deg, 360.0):
-        return call.denied("the angle is not within 0 to 360 deg")
+        return call.deny("the angle is not within 0 to 360 deg")
     turn = int(direction)
     signed_angle_deg = -angle_deg if relative and turn < 0 else angle_deg
     goal = SteerHeading(radians(signed_angle_deg), relative=relative == 1.0, turn=turn)
@@ -113,9 +113,9 @@ def change_heading(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to a heading or to a course over ground."""
     heading_type, angle_deg = call.parameters[:2]
     if heading_type not in (_COURSE_OVER_GROUND, _HEADING):
-        return call.denied("the type is neither course over ground (0) nor heading (1)")
+        return call.deny("the type is neither course over ground (0) nor heading (1)")
     if not within(angle_deg, 0.0, 360.0):
-        return call.denied("the angle is not within 0 to 360 deg")
+        return call.deny("the angle is not within 0 to 360 deg")
     goal = SteerHeading(radians(angle_deg), over_ground=heading_type == _COURSE_OVER_GROUND)
     return context.request(call.message, goal, call.now_s)
 
@@ -124,9 +124,9 @@ def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to an angle, absolute or (param3 = 1) relative to the present heading; the speed is ignored."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
-        return call.denied(_NEITHER_RELATIVE.format(3))
+        return call.deny(_NEITHER_RELATIVE.format(3))
     if not within(angle_deg, -360.0, 360.0):
-        return call.denied("the angle is not within -360 to 360 deg")
+        return call.deny("the angle is not within -360 to 360 deg")
     return context.request(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
 
 
@@ -134,11 +134,11 @@ def reposition(context: LinkContext, call: CommandCall) -> Answer:
     """Go to a position; speed, radius and yaw are ignored."""
     flags = call.parameters[1]
     if not within(flags, 0, 0xFFFF):
-        return call.denied(f"flags (param2) {flags:g} are not within 0 to 65535")
+        return call.deny(f"flags (param2) {flags:g} are not within 0 to 65535")
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
-        return call.denied(f"frame {call.frame} is not a global one")
+        return call.deny(f"frame {call.frame} is not a global one")
     goal = position_goal(*call.position_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
-    return call.denied(goal) if isinstance(goal, str) else context.request(call.message, goal, call.now_s)
+    return call.deny(goal) if isinstance(goal, str) else context.request(call.message, goal, call.now_s)
 
 
 class Setpoints:
@@ -371,9 +371,6 @@ COMMANDS = (
         relative=True,
     ),
     CommandRow(
-        43002,
-        "GUIDED_CHANGE_HEADING",
-        change_heading,
-        "heading (param1 = 1) or course over ground (0) param2 (deg)",
+        43002, "GUIDED_CHANGE_HEADING", change_heading, "heading (param1 = 1) or course over ground (0) param2 (deg)"
     ),
 )

@@ -74,10 +74,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "the attitude is masked out": ("the attitude of SET_ATTITUDE_TARGET is masked out", _CORRECT_VALUE),
     "the stick is not within -1000 to 1000": ("field y or r of MANUAL_CONTROL", "calibrate the joystick"),
-    "RC override ignored: disarmed": (
-        "the rudder follows a stick only while armed",
-        "arm, or release the override",
-    ),
+    "RC override ignored: disarmed": ("the rudder follows a stick only while armed", "arm, or release the override"),
     "RC override ignored: channel 1 is the rudder in MANUAL, the heading in STEERING": (
         "only other channels are overridden",
         "use channel 1, or release the override",
@@ -119,10 +116,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "There is no mission": ("the request needs a mission", "upload a mission"),
     "Item <number> refused: mission has items <number> to <number>": ("there is no such item", _CORRECT_VALUE),
     "<command>: the mission has no such item": ("there is no such item", _CORRECT_VALUE),
-    "first item <number> or last item <number> is not valid": (
-        "param1 and param2 of MISSION_START",
-        _CORRECT_VALUE,
-    ),
+    "first item <number> or last item <number> is not valid": ("param1 and param2 of MISSION_START", _CORRECT_VALUE),
     "Pause refused in <mode>: only AUTO has a mission": ("only AUTO can be paused", "enter AUTO first"),
     "There is no fence": ("without a fence it cannot be enabled", "upload a fence"),
     "<command>: fence kinds cannot be chosen; use param2 = 0": (
@@ -202,10 +196,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "proposed `CMP_DEV_A` to `CMP_DEV_E`, standard deviation, error of the present values, residual",
         "accept when the error is clearly larger than the standard deviation; until then the proposal improves",
     ),
-    "Compass swing: <coefficients> deg set": (
-        "the proposal was accepted",
-        "DO_CANCEL_MAG_CAL restores the old values",
-    ),
+    "Compass swing: <coefficients> deg set": ("the proposal was accepted", "DO_CANCEL_MAG_CAL restores the old values"),
     "Compass swing: <coefficients> deg restored": ("the old values are active again", "nothing"),
     "Compass swing: cancelled, nothing was set": ("the observations are deleted", "nothing"),
     "deviation active but not stored": (_NOT_STORED, _DISK),

@@ -63,8 +63,8 @@ def _to_int32(value: float, *, is_degrees: bool) -> int | None:
 
 def new_plan_text(plan: Plan, autopilot: int) -> str:
     """Return the text for a new plan; a mission has item numbers, because ground stations count home differently."""
-    first, count = first_item_number(autopilot, plan.kind), len(plan.items)
-    items = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
+    first_number, count = first_item_number(autopilot, plan.kind), len(plan.items)
+    items = f"items {first_number} to {first_number + count - 1}" if first_number and count else f"{count} items"
     return f"New {NAMES[plan.kind]}: {items}"
 
 

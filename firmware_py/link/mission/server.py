@@ -141,25 +141,25 @@ class MissionServer:
         # A duplicate gets no acknowledgement: the station would take it for the end of its next upload.
         if self._clear_messages.is_duplicate(station_of(peer, message), message, now_s):
             return
-        if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
+        if not all(self._uploads.may_change(peer, message, plan_kind, now_s) for plan_kind in kinds):
             return
         station = station_of(peer, message)
         request_key = (station, message.mission_type)
         # A request that is repeated before the plans are stored gets one acknowledgement.
         if request_key in self._pending_clears:
             return
-        for each in kinds:
-            self._uploads.cancel(station, each)
-            self._downloads.end(station, each)
-        non_empty = [each for each in kinds if self._context.request_handler.plans().of(each).items]
+        for plan_kind in kinds:
+            self._uploads.cancel(station, plan_kind)
+            self._downloads.end(station, plan_kind)
+        non_empty = [plan_kind for plan_kind in kinds if self._context.request_handler.plans().of(plan_kind).items]
         if not non_empty:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
         self._pending_clears.add(request_key)
         finish = partial(self._pending_clears.discard, request_key)
         clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(non_empty), finish)
-        for each in non_empty:
-            request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))
+        for plan_kind in non_empty:
+            request = Request(now_s, ReplacePlan(Plan(plan_kind)), *sender_of(message))
             self._context.request_handler.replace_plan(request, clearing.receive_answer)
 
 
@@ -318,8 +318,8 @@ class FenceWarning:
     def _warn(self) -> None:
         if not self._breaches:
             return
-        first, *others = self._breaches
+        breach, *others = self._breaches
         self._breaches = []
-        text = first.message(first_item_number(self._context.autopilot, first.kind))
-        more = f", and {len(others)} more" if others else ""
-        self._context.send_text_all(Severity.WARNING, f"{text}{more}")
+        text = breach.message(first_item_number(self._context.autopilot, breach.kind))
+        suffix = f", and {len(others)} more" if others else ""
+        self._context.send_text_all(Severity.WARNING, f"{text}{suffix}")

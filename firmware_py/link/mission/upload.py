@@ -40,12 +40,12 @@ _REQUESTS_PER_FORMAT = 2  # without a reply, the other request (MISSION_REQUEST 
 
 @dataclass(slots=True)
 class PlanUpload:
-    """An upload of the items [first, end), as the station numbers them; a partial upload changes the plan `base`."""
+    """Upload of the items [first_number, end_number) in the numbers of the station; `base` is the changed plan."""
 
     kind: PlanKind
     owner: Station
-    first: int
-    end: int
+    first_number: int
+    end_number: int
     home_count: int
     base: Plan | None
     timeouts: Timeouts
@@ -59,14 +59,16 @@ class PlanUpload:
     @property
     def next_number(self) -> int:
         """The number of the next item."""
-        return self.first + len(self.items)
+        return self.first_number + len(self.items)
 
     def plan(self) -> Plan:
         """Return the uploaded plan."""
         if self.base is None:
             return Plan.of(self.kind, self.items[self.home_count :])
         base = (*(_HOME,) * self.home_count, *self.base.items)
-        return Plan.of(self.kind, (*base[: self.first], *self.items, *base[self.end :])[self.home_count :])
+        return Plan.of(
+            self.kind, (*base[: self.first_number], *self.items, *base[self.end_number :])[self.home_count :]
+        )
 
 
 class UploadResult(msgspec.Struct, frozen=True):
@@ -189,7 +191,7 @@ class PlanUploads:
         self._request_next(upload, now_s)
 
     def _request_next(self, upload: PlanUpload, now_s: float) -> None:
-        if upload.next_number < upload.end:
+        if upload.next_number < upload.end_number:
             upload.retry.begin(now_s)
             self._request(upload)
             return
@@ -199,10 +201,10 @@ class PlanUploads:
         if upload.base is not None and self._context.request_handler.plans().of(upload.kind) != upload.base:
             problem = PlanProblem(None, PlanResult.ERROR, "the plan has changed during the upload")
         if problem is not None:
-            self._end_upload(upload, upload.end - 1, problem, now_s)
+            self._end_upload(upload, upload.end_number - 1, problem, now_s)
             return
         if not plan.items and not self._context.request_handler.plans().of(upload.kind).items:
-            self._end_upload(upload, upload.end - 1, None, now_s)
+            self._end_upload(upload, upload.end_number - 1, None, now_s)
             return
         request = Request(now_s, ReplacePlan(plan), *upload.owner.sender)
         self._context.request_handler.replace_plan(request, lambda answer: self._finish_storing(upload, plan, answer))
@@ -232,7 +234,7 @@ class PlanUploads:
             problem = None
             if answer.verdict is not Verdict.ACCEPTED:
                 problem = PlanProblem(None, PlanResult.ERROR, answer.text or "it was refused")
-            self._end_upload(upload, upload.end - 1, problem, self._context.now_s, plan.identity)
+            self._end_upload(upload, upload.end_number - 1, problem, self._context.now_s, plan.identity)
         self._context.flush_all()
 
     def _end_upload(

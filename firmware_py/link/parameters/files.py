@@ -48,11 +48,7 @@ class Metadata:
                 "modelName": "Rambler",
                 "firmwareVersion": f"{version.major}.{version.minor}.{version.patch}",
                 "metadataTypes": [
-                    {
-                        "type": _PARAMETER_TYPE,
-                        "uri": f"{_URI}parameter.json.xz",
-                        "fileCrc": mavlink_crc32(compressed),
-                    }
+                    {"type": _PARAMETER_TYPE, "uri": f"{_URI}parameter.json.xz", "fileCrc": mavlink_crc32(compressed)}
                 ],
             }
         )

@@ -31,11 +31,11 @@ def inputs(*vessels, t_s=0.0, unchanged_rad=0.0, motion=MOTION, fence=None, goal
     return AvoidanceInput(t_s, unchanged_rad, motion, vessels, fence, goal, None, line)
 
 
-def run_round(*vessels, state=IDLE, **more):
+def run_round(*vessels, state=IDLE, **changes):
     """Run ticks until a round of trials has ended; return the state and the texts."""
     texts = []
     for tick in range(20):
-        state, events = avoidance.update(SETTINGS, TRAFFIC, state, inputs(*vessels, **{"t_s": 0.1 * tick, **more}))
+        state, events = avoidance.update(SETTINGS, TRAFFIC, state, inputs(*vessels, **{"t_s": 0.1 * tick, **changes}))
         texts += [event.text for event in events]
     return state, texts
 
@@ -55,14 +55,6 @@ def test_heading_for_a_ship_ahead_is_at_the_limit_of_the_sector(east_m, heading_
         assert text == "Avoidance: heading 60 deg, closest 384 m instead of 50 m"
 
 
-def test_heading_stays_within_the_sector():
-    for way_deg in range(0, 360, 30):
-        state, _ = run_round(ship(3000.0, 4000.0, 6.0, 230.0), unchanged_rad=math.radians(way_deg))
-        if state.heading_rad is not None:
-            change_deg = (math.degrees(state.heading_rad) - way_deg + 180.0) % 360.0 - 180.0
-            assert abs(change_deg) <= 60.0 + 1e-6
-
-
 def test_heading_near_a_fence_is_to_the_other_side():
     free, _ = run_round(ship(6000.0, -50.0), fence=fence_to(3000.0))
     assert math.degrees(free.heading_rad) == pytest.approx(60.0)
@@ -79,27 +71,6 @@ def test_no_better_heading_is_reported_once():
     assert texts == ["Avoidance: no better heading, course kept"]
     state, texts = run_round(ship(6000.0, 0.0), fence=lane, state=state, t_s=40.0)
     assert texts == []
-
-
-def test_current_is_part_of_the_prediction():
-    drifting_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.3)
-    state, _ = run_round(ship(6000.0, 330.0, 6.0), motion=drifting_east)
-    # On the unchanged course the current would carry the boat in front of the ship, 330 m to the east by now.
-    assert math.degrees(state.heading_rad) > 180.0
-
-
-def test_unchanged_course_on_a_line_is_over_ground():
-    drifting_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.2)
-    crab_rad = -math.asin(0.5)
-    # 250 m beside the line: the heading of the line would lead to the ship.
-    state, _ = run_round(
-        ship(435.0, 250.0, 0.0),
-        motion=drifting_east,
-        unchanged_rad=crab_rad,
-        goal=None,
-        line=LineAhead(0.0, 0.0, crab_rad),
-    )
-    assert state.heading_rad is None
 
 
 @pytest.mark.parametrize("current_m_s", [0.0, 0.2, -0.2])
@@ -128,11 +99,6 @@ def test_sector_follows_a_turning_course():
         state, _ = run_round(ahead, state=state, unchanged_rad=way_rad, t_s=t_s)
         assert math.degrees(state.way_rad) == pytest.approx(way_deg)
         assert abs(math.degrees(state.heading_rad) - way_deg) <= 60.0 + 1e-6
-
-
-def test_closest_of_several_vessels_decides():
-    state, _ = run_round(ship(6000.0, -50.0), ship(6000.0, 450.0))
-    assert math.degrees(state.heading_rad) > 180.0  # the second vessel passes to starboard
 
 
 def test_avoidance_ends_when_the_vessel_is_clear_or_removed():

@@ -79,11 +79,14 @@ def test_mission_starts_with_arming():
 
 
 def test_new_mission_starts_in_auto():
-    first, other = mission(item(WAYPOINT, 100.0, 0.0)), mission(item(WAYPOINT, 200.0, 0.0), item(WAYPOINT, 0.0, 0.0))
+    plans, new_plans = (
+        mission(item(WAYPOINT, 100.0, 0.0)),
+        mission(item(WAYPOINT, 200.0, 0.0), item(WAYPOINT, 0.0, 0.0)),
+    )
     for modes, is_started in ((AUTO, True), (GUIDED, False)):
-        _, state = run([100.0, 101.0], modes=modes, plans=first)
-        _, state = run([102.0], state, modes=modes, plans=other)
-        assert (state.mission.identity, state.mission.started) == (other.mission.identity, is_started)
+        _, state = run([100.0, 101.0], modes=modes, plans=plans)
+        _, state = run([102.0], state, modes=modes, plans=new_plans)
+        assert (state.mission.identity, state.mission.started) == (new_plans.mission.identity, is_started)
 
 
 def test_fence_margin_needs_an_enabled_fence_and_a_position():

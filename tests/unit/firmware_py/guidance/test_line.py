@@ -137,11 +137,11 @@ def test_closest_distance_is_stored_only_while_the_distance_decreases(origin, ti
 
 def test_waypoint_passed_at_a_large_distance_is_tried_again(origin, tight):
     task = go_to(origin, 500.0, 0.0)
-    here = origin.at_offset(510.0, 300.0)
-    motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
+    place = origin.at_offset(510.0, 300.0)
+    motion = VesselMotion(place, 0.0, 0.4, 0.0, 0.0)
     state, status = line.update(tight, LineState(origin), task, motion, 1.0)
     assert not status.arrived
-    assert (state.start, state.tries) == (here, 1)
+    assert (state.start, state.tries) == (place, 1)
 
 
 @pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MAX_TRIES), (True, 20)])

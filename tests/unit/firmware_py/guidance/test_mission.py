@@ -23,8 +23,8 @@ HERE = Place(0.6, 2.0)
 A, B, C = HERE.at_offset(500.0, 0.0), HERE.at_offset(500.0, 500.0), HERE.at_offset(0.0, 500.0)
 
 
-def waypoint(place, **more):
-    return MissionStep(Command.WAYPOINT, place, **more)
+def waypoint(place, **fields):
+    return MissionStep(Command.WAYPOINT, place, **fields)
 
 
 def jump(target, times):
@@ -139,11 +139,11 @@ def test_tasks_of_loiter_items():
     runner = MissionRunner(loiter_time, turns, turns, MissionStep(Command.LOITER_UNLIMITED, C), waypoint(A))
     assert runner.step() == go_to(A, station_m=40.0)
     assert runner.steps_with(4, arrived=True).station_radius_m == 40.0
-    first = runner.step(arrived=True)
-    assert first == replace(Orbit(B, 100.0, clockwise=False), number=first.number)
-    assert runner.step(arrived=True, turned_rad=12.5) == first
-    second = runner.step(arrived=True, turned_rad=4 * math.pi + 0.01)
-    assert second != first  # a new task, whose turns start at 0
+    orbit = runner.step(arrived=True)
+    assert orbit == replace(Orbit(B, 100.0, clockwise=False), number=orbit.number)
+    assert runner.step(arrived=True, turned_rad=12.5) == orbit
+    next_orbit = runner.step(arrived=True, turned_rad=4 * math.pi + 0.01)
+    assert next_orbit != orbit  # a new task, whose turns start at 0
     assert runner.step(arrived=True, turned_rad=13.0) == go_to(C, B)
     assert runner.steps_with(100, arrived=True, step_s=1e6).place == C
 

@@ -98,4 +98,4 @@ def test_tags_and_distances_are_resolved_to_items_and_places():
 
 
 def test_table_of_commands_has_all_items_with_a_duration():
-    assert COMMANDS.keys() == {row.command for row in TABLE if row.kind is PlanKind.MISSION and row.lasts}
+    assert COMMANDS.keys() == {row.command for row in TABLE if row.kind is PlanKind.MISSION and row.has_duration}

@@ -124,10 +124,10 @@ def test_silent_vessel_at_rest_is_removed_later(speed_m_s, max_age_s):
 
 def test_jump_of_the_position_needs_confirmation():
     state, _ = update(TrafficState(), 0.0, position(1, 0.0, 9000.0, 9000.0))
-    first = state.vessels[0].position
+    old_position = state.vessels[0].position
     for t_s in (10.0, 20.0):
         state, texts = update(state, t_s, position(1, t_s, 100.0, 0.0))
-        assert state.vessels[0].position == first
+        assert state.vessels[0].position == old_position
         assert texts == []
     state, texts = update(state, 30.0, position(1, 30.0, 100.0, 0.0))
     assert state.vessels[0].distance_m == pytest.approx(100.0, abs=0.5)

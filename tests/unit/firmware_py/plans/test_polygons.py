@@ -14,8 +14,8 @@ from firmware_py.plans.validation import problem_of
 
 
 def problem(*items):
-    first = problem_of(Plan.of(PlanKind.FENCE, items))
-    return None if first is None else (first.index, first.result)
+    refusal = problem_of(Plan.of(PlanKind.FENCE, items))
+    return None if refusal is None else (refusal.index, refusal.result)
 
 
 def item(command, param1=0.0):
@@ -33,7 +33,7 @@ def test_polygons_are_assembled():
     items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
     plan = Plan.of(PlanKind.FENCE, items)
     assert problem_of(plan) is None
-    polygons = [(polygon.first, polygon.count, polygon.inclusion) for polygon in polygons_of(plan.items)]
+    polygons = [(polygon.first_index, polygon.count, polygon.inclusion) for polygon in polygons_of(plan.items)]
     assert polygons == [(0, 4, True), (5, 3, False)]
 
 

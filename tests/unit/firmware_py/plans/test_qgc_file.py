@@ -120,10 +120,7 @@ def test_written_plan_is_read_unchanged():
         ('{"a": ' * 200_000, "nested too deeply"),  # beyond the depth that any Python from 3.11 to 3.14 reads
         ('{"fileType": "Plan", "mission": []}', "mission: expected an object"),
         ('{"fileType": "Plan", "mission": {"items": {}}}', "mission: items: expected a list"),
-        (
-            document([{"type": "ComplexItem", "complexItemType": "survey"}]),
-            "item 1: 'survey' is not a simple",
-        ),
+        (document([{"type": "ComplexItem", "complexItemType": "survey"}]), "item 1: 'survey' is not a simple"),
         (QGC | {"version": 2}, "a.plan: version 2 is not supported, only 1"),
         (QGC | {"version": "1"}, "a.plan: version '1' is not supported"),
         (QGC | {"version": True}, "a.plan: version True is not supported"),
@@ -131,10 +128,7 @@ def test_written_plan_is_read_unchanged():
         (change("mission", version=1), "mission: version 1 is not supported, only 2"),
         (change("mission", Items=[]), "mission: key 'Items' is not known"),
         ({"fileType": "Plan", "mission": {"version": 2}}, "mission: items: expected a list, found None"),
-        (
-            QGC | {"geoFence": {"version": 1, "polygon": [[1, 2]] * 3}},
-            "geoFence: version 1 is not supported",
-        ),
+        (QGC | {"geoFence": {"version": 1, "polygon": [[1, 2]] * 3}}, "geoFence: version 1 is not supported"),
         (change("geoFence", version=3), "geoFence: version 3 is not supported, only 2"),
         (change("geoFence", polygon=[]), "geoFence: key 'polygon' is not known"),
         (QGC | {"geoFence": {}}, "geoFence: it has neither polygons nor circles"),

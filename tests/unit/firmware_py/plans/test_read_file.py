@@ -133,7 +133,7 @@ def test_invalid_file_is_refused():
 
 def waypoints(*rows):
     """Return a mission: home, then a line for each command with its param1."""
-    lines = [f"{n}\t0\t3\t{command}\t{first}\t1\t0\t0\t0\t0\t0\t1\n" for n, (command, first) in enumerate(rows, 1)]
+    lines = [f"{n}\t0\t3\t{command}\t{param1}\t1\t0\t0\t0\t0\t0\t1\n" for n, (command, param1) in enumerate(rows, 1)]
     return (HEADER + "".join(lines)).encode()
 
 

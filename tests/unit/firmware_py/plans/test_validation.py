@@ -17,8 +17,8 @@ RETURN = PlanItem(20, 2)
 
 
 def problem(kind, *items):
-    first = problem_of(Plan.of(kind, items))
-    return None if first is None else (first.index, first.result)
+    refusal = problem_of(Plan.of(kind, items))
+    return None if refusal is None else (refusal.index, refusal.result)
 
 
 def item(command, *params, x=1, y=1, z=0.0, frame=6):
@@ -143,11 +143,11 @@ def test_accepted_item_is_finite_and_in_range(kind, plan_item):
         row = ROWS[plan_item.command]
         assert row.kind is kind
         assert not any(map(math.isinf, (*plan_item.params, plan_item.z)))
-        assert plan_item.frame in PLACE_FRAMES or (plan_item.frame == 2 and not row.place)
+        assert plan_item.frame in PLACE_FRAMES or (plan_item.frame == 2 and not row.has_place)
         for meaning in row.meanings:
             value = plan_item.params[meaning.number - 1]
-            assert meaning.low <= value <= meaning.high or (meaning.unset and math.isnan(value))
-        if row.place:
+            assert meaning.low <= value <= meaning.high or (meaning.allows_nan and math.isnan(value))
+        if row.has_place:
             assert abs(plan_item.x) <= 9e8
             assert abs(plan_item.y) <= 1.8e9
 

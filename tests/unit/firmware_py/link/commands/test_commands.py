@@ -6,7 +6,6 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetMode, Verdict
-from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 ARM, SET_MODE = 400, 176
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)
@@ -128,13 +127,6 @@ def test_duplicate_set_mode_does_not_undo_the_next_one(rig):
     assert rig.request_handler.intents == [SetMode(15), SetMode(4)]
 
 
-def test_commands_with_constant_sequence_number_are_all_executed(rig):
-    for state in (1, 0, 1):
-        rig.station.seq = 7
-        rig.tell(command_long(ARM, state))
-    assert rig.request_handler.intents == [Arm(True), Arm(False), Arm(True)]
-
-
 def test_late_end_of_a_command_does_not_change_the_result_of_the_next(rig):
     rig.request_handler.orders_at_once = False
     rig.command(ARM, 1.0)
@@ -143,17 +135,6 @@ def test_late_end_of_a_command_does_not_change_the_result_of_the_next(rig):
     rig.request_handler.waiting.pop()(True)
     rig.replies()
     assert only_ack(rig.command(ARM, 0.0, confirmation=1)).result == REJECTED
-
-
-def test_command_overtaken_by_its_retry_is_not_executed_again(rig):
-    first, retry = (rig.frame(command_long(115, 10, 0, 1, 1, confirmation=number)) for number in (0, 1))
-    rig.give(retry)
-    rig.now_s += 0.5
-    assert only_ack(rig.give(first)).result == ACCEPTED
-    assert len(rig.request_handler.requests) == 1
-    rig.now_s += 10.0
-    rig.give(first)  # after this time it is a new command
-    assert len(rig.request_handler.requests) == 2
 
 
 def test_relative_command_int_repeated_at_once_is_a_retry(rig):
@@ -207,13 +188,6 @@ def test_retry_of_a_relative_turn_is_acknowledged_again(make_rig, number, addres
     assert len(rig.request_handler.requests) == 3
 
 
-def test_retry_of_a_turn_after_the_next_turn_is_not_executed(rig):
-    for confirmation, angle_deg in ((0, 10.0), (0, 20.0), (1, 10.0), (1, 20.0)):
-        rig.tell(turn(115, confirmation, angle_deg=angle_deg))
-        rig.now_s += 1.0
-    assert len(rig.request_handler.requests) == 2
-
-
 def test_turn_of_a_restarted_script_is_executed(make_rig):
     """The script repeats its sequence numbers on another port."""
     rig = make_rig(addresses=())
@@ -225,25 +199,9 @@ def test_turn_of_a_restarted_script_is_executed(make_rig):
     assert len(rig.request_handler.requests) == 3
 
 
-def test_retry_by_satellite_is_detected_minutes_later(make_rig):
-    rig = make_rig(options=LinkOptions(link_class=LinkClass.SATELLITE))
-    rig.tick()
-    rig.command(115, 10, 0, 1, 1)
-    rig.now_s += 240.0
-    assert only_ack(rig.command(115, 10, 0, 1, 1, confirmation=1)).result == ACCEPTED
-    assert len(rig.request_handler.requests) == 1
-
-
 def test_retry_of_a_message_request_sends_the_message_again(rig, of):
     rig.command(512, 148)
     assert len(of(rig.command(512, 148, confirmation=1), "AUTOPILOT_VERSION")) == 1
-
-
-def test_number_of_stored_commands_is_limited(rig):
-    for number in range(1000):
-        rig.command(30_000 + number)
-    handler = rig.endpoint._handlers[76].__self__
-    assert len(handler._memory) <= 32
 
 
 def test_set_mode_message_is_executed_and_acknowledged(rig):

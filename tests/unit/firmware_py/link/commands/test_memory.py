@@ -35,30 +35,30 @@ OFF = replace(ON, content=b"off")
 
 def find_original(new, *records, is_retry=False, relative=False):
     memory = CommandMemory()
-    for record in records:
-        memory.store(ARM, record, relative=relative)
+    for stored in records:
+        memory.store(ARM, stored, relative=relative)
     return memory.find_duplicate(ARM, new, is_retry=is_retry, relative=relative)
 
 
 @pytest.mark.parametrize(("peer", "max_age_s"), [(RADIO, RETRY_S), (SATELLITE, SATELLITE_RETRY_S)])
 def test_retry_belongs_to_the_last_command_within_a_time(peer, max_age_s):
-    first = replace(ON, station=peer)
+    record = replace(ON, station=peer)
     soon, late = (
-        replace(first, t_s=1000.0 + max_age_s + excess_s, sequence=99) for excess_s in (-EPSILON_S, EPSILON_S)
+        replace(record, t_s=1000.0 + max_age_s + excess_s, sequence=99) for excess_s in (-EPSILON_S, EPSILON_S)
     )
-    assert find_original(soon, first, is_retry=True) is first
-    assert find_original(late, first, is_retry=True) is None
-    assert find_original(replace(soon, content=b"off"), first, is_retry=True) is None
-    assert find_original(replace(soon, is_int=False), first, is_retry=True) is None
+    assert find_original(soon, record, is_retry=True) is record
+    assert find_original(late, record, is_retry=True) is None
+    assert find_original(replace(soon, content=b"off"), record, is_retry=True) is None
+    assert find_original(replace(soon, is_int=False), record, is_retry=True) is None
 
 
 @pytest.mark.parametrize("sequence", [7, 200])
 @pytest.mark.parametrize(("ahead", "is_duplicate"), [(0, True), (-1, True), (-127, True), (-128, False), (1, False)])
 def test_recent_frame_without_a_later_sequence_number_is_a_duplicate(sequence, ahead, is_duplicate):
-    first = replace(ON, sequence=sequence)
-    new = replace(first, t_s=1000.0 + OVERTAKEN_S - EPSILON_S, sequence=(sequence + ahead) % 256)
-    assert find_original(new, first) is (first if is_duplicate else None)
-    assert find_original(replace(new, t_s=1000.0 + OVERTAKEN_S + EPSILON_S), first) is None
+    record = replace(ON, sequence=sequence)
+    new = replace(record, t_s=1000.0 + OVERTAKEN_S - EPSILON_S, sequence=(sequence + ahead) % 256)
+    assert find_original(new, record) is (record if is_duplicate else None)
+    assert find_original(replace(new, t_s=1000.0 + OVERTAKEN_S + EPSILON_S), record) is None
 
 
 @pytest.mark.parametrize(("peer", "max_age_s"), [(Peer(), RELATIVE_RETRY_S), (Peer(quiet=True), SATELLITE_RETRY_S)])
@@ -92,11 +92,11 @@ def test_duplicate_of_a_relative_command_on_another_path_that_existed_then_is_de
 
 @pytest.mark.parametrize("is_int", [True, False])
 def test_relative_command_int_that_is_repeated_soon_is_a_retry(is_int):
-    first = replace(ON, is_int=is_int)
-    soon, late = (replace(first, t_s=1000.0 + REPEAT_S + excess_s, sequence=8) for excess_s in (-EPSILON_S, EPSILON_S))
-    assert find_original(soon, first, relative=True) is (first if is_int else None)
-    assert find_original(soon, first) is None
-    assert find_original(late, first, relative=True) is None
+    record = replace(ON, is_int=is_int)
+    soon, late = (replace(record, t_s=1000.0 + REPEAT_S + excess_s, sequence=8) for excess_s in (-EPSILON_S, EPSILON_S))
+    assert find_original(soon, record, relative=True) is (record if is_int else None)
+    assert find_original(soon, record) is None
+    assert find_original(late, record, relative=True) is None
 
 
 def test_delayed_duplicate_after_the_opposite_command_is_detected():

@@ -59,6 +59,19 @@ def test_invalid_request_is_refused(client, opcode, path, error):
     assert client.ask(opcode, path).error == (error,)
 
 
+@pytest.mark.parametrize(
+    ("path", "error"),
+    [
+        ("uploads/d/d/d/f", (NOT_FOUND,)),
+        ("uploads/d/d/d/d/f", (ERRNO, 36)),
+        (f"uploads/{'n' * 64}", (NOT_FOUND,)),
+        (f"uploads/{'n' * 65}", (ERRNO, 36)),
+    ],
+)
+def test_depth_and_length_of_names_are_limited(client, path, error):
+    assert client.ask(OPEN, path).error == error
+
+
 def test_size_of_more_than_239_bytes_is_refused(client):
     client.ask(OPEN, LOG)
     assert client.ask(READ, size=239).ok
@@ -179,16 +192,16 @@ def test_checksum_is_the_crc32_of_mavlink(client):
 
 
 def test_each_client_has_separate_sessions(disk, stored, ftp_station):
-    rig, first = stored(addresses=("one", "two"))
+    rig, client = stored(addresses=("one", "two"))
     (disk / "logs" / "00000002.BIN").write_bytes(b"second")
-    first.address = "one"
-    second = ftp_station(rig, "two")
-    first.ask(OPEN, LOG)
-    second.ask(OPEN, "logs/00000002.BIN")
-    assert first.ask(READ, size=10).data == CONTENT[:10]
-    assert second.ask(READ, size=10).data == b"second"
-    assert second.ask(RESET).ok
-    assert first.ask(READ, size=10).data == CONTENT[:10]
+    client.address = "one"
+    other = ftp_station(rig, "two")
+    client.ask(OPEN, LOG)
+    other.ask(OPEN, "logs/00000002.BIN")
+    assert client.ask(READ, size=10).data == CONTENT[:10]
+    assert other.ask(READ, size=10).data == b"second"
+    assert other.ask(RESET).ok
+    assert client.ask(READ, size=10).data == CONTENT[:10]
 
 
 def test_number_of_sessions_is_limited_and_idle_ones_are_closed(client):
@@ -361,9 +374,9 @@ def test_number_of_files_is_limited(client, uploads):
 
 @pytest.mark.parametrize("opcode", [CREATE, MKDIR])
 def test_retry_gets_the_same_reply_and_is_not_executed_again(client, uploads, opcode):
-    first = client.ask(opcode, "uploads/a", sequence=7)
+    reply = client.ask(opcode, "uploads/a", sequence=7)
     client.ask(WRITE, b"content", sequence=8)
-    assert vars(client.ask(opcode, "uploads/a", sequence=7)) == vars(first)
+    assert vars(client.ask(opcode, "uploads/a", sequence=7)) == vars(reply)
     client.ask(TERMINATE, sequence=9)
     if opcode == CREATE:
         assert (uploads / "a").read_bytes() == b"content"

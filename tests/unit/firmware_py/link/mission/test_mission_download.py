@@ -52,10 +52,10 @@ def test_download_returns_the_uploaded_items(make_station, identity):
 
 def test_item_0_is_home_or_0_0_without_home(station, home):
     station.upload(station.mission(1))
-    first = station.download()[0]
-    assert (first.command, first.frame, first.z) == (16, 0, home.altitude_m)
-    assert first.x == round(math.degrees(home.latitude_rad) * 1e7)
-    assert first.y == round(math.degrees(home.longitude_rad) * 1e7)
+    item = station.download()[0]
+    assert (item.command, item.frame, item.z) == (16, 0, home.altitude_m)
+    assert item.x == round(math.degrees(home.latitude_rad) * 1e7)
+    assert item.y == round(math.degrees(home.longitude_rad) * 1e7)
     station.rig.tick(home=None)
     assert (station.read(0).x, station.read(0).y) == (0, 0)
 

@@ -109,7 +109,7 @@ def test_home_alone_is_an_empty_mission(station):
 
 
 @pytest.mark.parametrize(
-    ("first", "count", "text"),
+    ("item_0", "count", "text"),
     [
         *(
             ({"frame": frame, "command": command}, count, "First waypoint is taken as home and skipped")
@@ -117,8 +117,8 @@ def test_home_alone_is_an_empty_mission(station):
             for count in (0, 2)
         ),
         *(
-            (first, 2, "New mission: items 1 to 2")
-            for first in (
+            (item_0, 2, "New mission: items 1 to 2")
+            for item_0 in (
                 {"frame": 0},
                 {"frame": 5, "x": 7},
                 {"frame": 6, "x": 0, "y": 0},
@@ -128,9 +128,9 @@ def test_home_alone_is_an_empty_mission(station):
         ),
     ],
 )
-def test_waypoint_as_item_0_is_reported_and_home_is_not(station, texts, first, count, text):
+def test_waypoint_as_item_0_is_reported_and_home_is_not(station, texts, item_0, count, text):
     station.count(1 + count)
-    items = (station.item(0, **first), *station.mission(count)[1:])
+    items = (station.item(0, **item_0), *station.mission(count)[1:])
     replies = [message for item in items for message in station.rig.tell(item)]
     assert acks(replies) == [0]
     assert texts(replies)[-1] == text
@@ -195,10 +195,6 @@ def test_acknowledgement_is_repeated_for_the_last_item(station):
     assert (repeated.type, repeated.opaque_id) == (0, ack.opaque_id)
     assert station.exchange(items[1]) == []
     assert len(station.handler.intents) == 1
-
-
-def test_item_without_an_upload_is_refused(station):
-    assert acks(station.exchange(station.item(3))) == [PlanResult.ERROR]
 
 
 # ---------------------------------------------------------------------- repeated requests and timeouts

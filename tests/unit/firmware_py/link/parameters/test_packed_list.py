@@ -25,6 +25,14 @@ def test_mavproxy_decodes_all_parameters(query):
     assert [kind for _, kind in parameters.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
 
 
+def test_names_are_stored_without_the_prefix_of_the_previous_name():
+    size, previous = 6, ""
+    for row in TABLE:
+        prefix = next(length for length in range(len(row.name), -1, -1) if previous.startswith(row.name[:length]))
+        size, previous = size + 2 + len(row.name) - prefix + 4, row.name
+    assert len(pack(CHANGED, {}, 3)) == size
+
+
 def test_mavproxy_decodes_the_defaults():
     defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"}, 3)).defaults
     assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
