@@ -51,44 +51,49 @@ class ExpectedState:
 
 @dataclass
 class Order:
-    """A request of a station: name, sending function, and the state expected after it."""
+    """A request of a station.
+
+    `send` gets the station and returns a generator that ends at the acknowledgement and returns whether the request was
+    accepted. `change` returns the state expected after the request from the state before it.
+    """
 
     name: str
-    send: (
-        object  # station: sends it and returns a generator that is through when it is answered: whether it was accepted
+    send: object
+    change: object
+
+
+def command_order(name, number, *values, **changes):
+    """Return a command that changes these fields of the state."""
+    return Order(
+        name,
+        lambda station: answered(station, station.command(number, *values), number),
+        lambda expected: replace(expected, **changes),
     )
-    expected: object  # Known before: Known after
 
 
-def arm(rng, _known):
+def arm(rng, _expected):
     arms = rng.random() < 0.6
-    return Order(
-        f"armed {arms}",
-        lambda station: answered(station, station.command(ARM, float(arms), 21196.0), ARM),
-        lambda expected: replace(expected, armed=arms),
-    )
+    return command_order(f"armed {arms}", ARM, float(arms), 21196.0, armed=arms)
 
 
-def set_mode(rng, _known):
+def set_mode(rng, expected):
     mode = rng.choice((MANUAL, STEERING, HOLD, AUTO, GUIDED, GUIDED))
-    # A mode that steers headings starts with the present heading as goal.
-    return Order(
-        f"mode {mode}",
-        lambda station: answered(station, station.command(SET_MODE, 1.0, float(mode)), SET_MODE),
-        lambda expected: expected if expected.mode == mode else replace(expected, mode=mode, goal_deg=None),
-    )
+    # Another mode that steers headings starts with the present heading as goal.
+    changes = {} if expected.mode == mode else {"mode": mode, "goal_deg": None}
+    return command_order(f"mode {mode}", SET_MODE, 1.0, float(mode), **changes)
 
 
-def change_heading(rng, _known):
+def change_heading(rng, _expected):
     goal_deg = float(rng.randrange(360))
-    return Order(
-        f"goal {goal_deg}",
-        lambda station: answered(station, station.command(CHANGE_HEADING, 1.0, goal_deg), CHANGE_HEADING),
-        lambda expected: replace(expected, goal_deg=goal_deg),
-    )
+    return command_order(f"goal {goal_deg}", CHANGE_HEADING, 1.0, goal_deg, goal_deg=goal_deg)
 
 
-def setpoint(rng, _known):
+def set_current(rng, expected):
+    number = rng.randrange(1, 1 + len(expected.items or (1,)))
+    return command_order(f"item {number}", SET_CURRENT, float(number), current=number)
+
+
+def setpoint(rng, _expected):
     """Return a setpoint, which has no acknowledgement: it counts when it is in force and stored."""
     goal_deg = float(rng.randrange(360))
     half_rad = math.radians(goal_deg) / 2.0
@@ -97,9 +102,9 @@ def setpoint(rng, _known):
     def send(station):
         station.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, q, 0.0, 0.0, 0.0, 0.0))
         yield
-        give_up_s = time.monotonic() + TIMEOUT_S
+        end_s = time.monotonic() + TIMEOUT_S
         while abs(off_deg(yaw_deg(station.request(TARGET).q), goal_deg)) > 0.01:
-            if time.monotonic() > give_up_s:
+            if time.monotonic() > end_s:
                 return None  # unknown, as the heading may be invalid
             yield
         time.sleep(STORAGE_DELAY_S)
@@ -108,16 +113,7 @@ def setpoint(rng, _known):
     return Order(f"setpoint {goal_deg}", send, lambda expected: replace(expected, goal_deg=goal_deg))
 
 
-def set_current(rng, expected):
-    number = rng.randrange(1, 1 + len(expected.items or (1,)))
-    return Order(
-        f"item {number}",
-        lambda station: answered(station, station.command(SET_CURRENT, float(number)), SET_CURRENT),
-        lambda expected: replace(expected, current=number),
-    )
-
-
-def set_gain(rng, _known):
+def set_gain(rng, _expected):
     gain = float(rng.randrange(1, 200))
 
     def send(station):
@@ -131,7 +127,7 @@ def set_gain(rng, _known):
     return Order(f"gain {gain}", send, lambda expected: replace(expected, gain=gain))
 
 
-def set_home(rng, _known):
+def set_home(rng, _expected):
     position = (rng.randrange(-800_000_000, 800_000_000), rng.randrange(-1_700_000_000, 1_700_000_000))
     message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *position, 0.0)
     return Order(
@@ -141,7 +137,7 @@ def set_home(rng, _known):
     )
 
 
-def new_mission(rng, _known):
+def new_mission(rng, _expected):
     """Return a mission far away, so that no item is reached."""
     positions = tuple(
         (rng.randrange(100_000_000, 800_000_000), rng.randrange(10**9)) for _ in range(rng.randrange(2, 5))
@@ -153,6 +149,7 @@ def new_mission(rng, _known):
     )
 
 
+# Modes and goals are changed twice as often as the others.
 ORDERS = (
     arm,
     set_mode,
@@ -191,15 +188,16 @@ class Voyage:
         words = ["run", str(self.boat._vehicle), "--state", str(self.boat.state), "--link", url]
         self.process = AutopilotProcess(words, self.boat.directory / "firmware.log")
         self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
-        actual = self.actual()
+        actual = self.read_state()
         fitting = [expected for expected in self.possible or (self.expected,) if expected.fits(actual)]
         assert fitting, f"kill {self.kills}: started with\n{actual}\nexpected one of\n{self.possible}\n{self.orders}"
         # If two states fit, only their common fields are reliable.
         self.expected = fitting[0] if len(fitting) == 1 else common_state(*fitting)
         self.orders.clear()
 
-    def actual(self):
-        self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _one: True)
+    def read_state(self):
+        """Request the state of the boat."""
+        self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _message: True)
         heartbeat = self.station.request(HEARTBEAT)
         home = None if self.expected.home is None else self.station.request(HOME)
         gain = self.station.ask(
@@ -208,13 +206,11 @@ class Voyage:
                 message.param_value if message.get_type() == "PARAM_VALUE" and message.param_id == "CTL_K1" else None
             ),
         )
-        steering = heartbeat.custom_mode in (GUIDED, STEERING)
+        has_goal = heartbeat.custom_mode in (GUIDED, STEERING) and self.expected.goal_deg is not None
         return ExpectedState(
             armed=bool(heartbeat.base_mode & 128),
             mode=heartbeat.custom_mode,
-            goal_deg=yaw_deg(self.station.request(TARGET).q) % 360.0
-            if steering and self.expected.goal_deg is not None
-            else None,
+            goal_deg=yaw_deg(self.station.request(TARGET).q) % 360.0 if has_goal else None,
             current=self.station.request(CURRENT).seq,
             gain=gain,
             items=self.station.download(),
@@ -226,7 +222,7 @@ class Voyage:
         order = self.rng.choice(ORDERS)(self.rng, self.expected)
         if self.expected.mode not in (GUIDED, STEERING) and order.name.startswith(("goal", "setpoint")):
             order = set_mode(self.rng, self.expected)
-        next_state = order.expected(self.expected)
+        next_state = order.change(self.expected)
         steps = order.send(self.station)
         if not is_answered:
             for _ in range(self.rng.randrange(4)):

@@ -63,16 +63,18 @@ def replay_monitors(log):
         yield loss.boats[0].evidence, loss.lost, reversal.reversed
 
 
+def count_differences(logged_rows, computed_rows):
+    return sum(logged != tuple(computed) for logged, computed in zip(logged_rows, computed_rows, strict=False))
+
+
 def compare_run(directory, text, seed, goals, seconds, **parameters):
     """Run the autopilot and the twin in a sea; return the largest gain reduction and the number of differences."""
     scenario, goals_of_run = parse_scenario(text), parse_goals(goals)
     options = RunOptions(scenario, seconds, directory, seed=seed, goals=goals_of_run, settings=parameters)
     truth = run(options).truth.table()
-    values = voyage.parameters_with(**parameters)
-    sea = sea_of(scenario, seed, seconds)
-    record, count = sailing.sail(
-        sailing.boat_of(values), LawSettings.of(values), sea, sailing.task_of(goals_of_run), seconds
-    )
+    parameter_set, sea = voyage.parameters_with(**parameters), sea_of(scenario, seed, seconds)
+    boat, law, task = sailing.boat_of(parameter_set), LawSettings.of(parameter_set), sailing.task_of(goals_of_run)
+    record, count = sailing.sail(boat, law, sea, task, seconds)
     twin_truth = sailing.truth_of(record, goals_of_run)
     # truth.csv has nine digits.
     rows = np.char.mod("%.9g", np.stack((twin_truth.heading_low_rad, twin_truth.rudder_rad))).astype(float)
@@ -82,16 +84,14 @@ def compare_run(directory, text, seed, goals, seconds, **parameters):
     logged_ticks = [tick for tick in read_log(log) if tick.inputs.tick.t_s <= seconds]
     ticks = [(tick.inputs.tick.t_s, tick.command.shaft_rad) for tick in logged_ticks]
     assert len(ticks) > 9.9 * seconds
-    values = record.ticks[:count, [loop.TICK_S, loop.COMMAND_RAD]]
-    differences += sum(logged != tuple(computed) for logged, computed in zip(ticks, values, strict=False))
+    commands = record.ticks[:count, [loop.TICK_S, loop.COMMAND_RAD]]
+    differences += count_differences(ticks, commands)
     fixes = [voyage.row_of(sample) for tick in logged_ticks for sample in tick.inputs.positions]
     assert len(fixes) > seconds - 3.0
     rows = voyage.fixes(sea, ticks, seconds)[: len(fixes)]
     differences += len(fixes) - int(np.sum(np.all((rows == fixes) | np.isnan(rows) & np.isnan(fixes), axis=1)))
     monitors = record.ticks[:count, [loop.LOSS_EVIDENCE, loop.LOST, loop.REVERSED]]
-    differences += sum(
-        logged != tuple(computed) for logged, computed in zip(replay_monitors(log), monitors, strict=False)
-    )
+    differences += count_differences(replay_monitors(log), monitors)
     return float(record.ticks[:count, loop.GAIN_REDUCTION].max()), differences
 
 

@@ -179,6 +179,13 @@ def test_level_of_storage_depends_on_the_write_time(state, monkeypatch, sync_s, 
     assert (finding.level, finding.values["sync_s"]) == (level, sync_s)
 
 
+@pytest.mark.parametrize(("resolution_s", "level"), [(1e-9, Level.PASS), (1e-3, Level.PASS), (1.1e-3, Level.FAIL)])
+def test_coarse_monotonic_clock_fails(monkeypatch, resolution_s, level):
+    monkeypatch.setattr(preflight.time, "clock_getres", lambda _clock: resolution_s)
+    *_, finding = preflight.check_clocks()
+    assert (finding.level, finding.text) == (level, f"monotonic clock resolution {1e9 * resolution_s:.0f} ns")
+
+
 def test_file_in_place_of_a_directory_fails(check, state):
     (state / "logs").touch()
     assert "logs is not a directory" in check()["storage"][0]["text"]
