@@ -105,7 +105,7 @@ def test_noisy_line_loses_samples_only(bench):
     assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
 
 
-def test_impossible_heading_is_not_used(make_moored_boat):
+def test_impossible_value_is_not_used(make_moored_boat):
     bodies = b"HEHDT,400.0,T", b"HEHDT,nan,T"
     sentences = [b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body)) for body in bodies]
     bench = make_moored_boat("nmea", "volz").start()
