@@ -1,6 +1,6 @@
-"""Compresses closed logs block by block. A log is removed when its archive is on disk and verified.
+"""Compresses closed logs block by block. A log is removed after its archive is on disk and verified.
 
-Each function is a generator and a step is one block, so the caller limits the processor load and may stop at any step.
+The functions are generators with one block per step, so the caller limits the processor load and may stop at any step.
 The next run continues an unfinished archive and verifies a complete one again.
 """
 
@@ -23,7 +23,7 @@ from firmware_py.files.packed import (
     packed_path,
 )
 from firmware_py.files.writing import FILE_MODE, sync_directory
-from firmware_py.log.disk import part_path
+from firmware_py.log.disk import partial_path
 
 BLOCKS_PER_SYNC: Final = 16
 BLOCKS_PER_COMPARE_STEP: Final = 8  # reading back costs less than compressing
@@ -38,15 +38,15 @@ class Span(NamedTuple):
 
 
 class Spans:
-    """Sections of files, read as one."""
+    """Sections of files that are read as one continuous file."""
 
     def __init__(self, spans: Sequence[Span]) -> None:
-        """Join the sections in this order."""
+        """Join the sections in the given order."""
         self._spans = tuple(spans)
         self.size = sum(span.end - span.begin for span in spans)
 
     def read(self, offset: int, count: int) -> bytes:
-        """Return bytes at an offset; raises OSError if a file has become shorter."""
+        """Return up to `count` bytes at an offset; raises OSError if a file has become shorter."""
         parts = []
         for descriptor, begin, end in self._spans:
             length = end - begin
@@ -62,17 +62,17 @@ class Spans:
 
 
 def archive_log(path: Path) -> Iterator[None]:
-    """Compress a closed log and remove the original; on OSError the log stays.
+    """Compress a closed log and remove the original; raises OSError, after which the log still exists.
 
-    If the log is removed during compression, its archive is removed, too.
+    If another process removes the log during compression, its archive is removed, too.
     """
     packed = packed_path(path)
     try:
-        with contextlib.ExitStack() as opened:
-            descriptor = _open(path, os.O_RDONLY, opened)
+        with contextlib.ExitStack() as resources:
+            descriptor = _open(path, os.O_RDONLY, resources)
             source = Spans((Span(descriptor, 0, os.fstat(descriptor).st_size),))
             if packed.exists():  # an earlier run was interrupted before it removed the log
-                archive = _open(packed, os.O_RDONLY, opened)
+                archive = _open(packed, os.O_RDONLY, resources)
                 if not (yield from _is_same(archive, source)):
                     os.unlink(packed)  # noqa: PTH108 - tests inject errors into calls of os
                     raise OSError(errno.EIO, f"{packed.name} differs from {path.name}")
@@ -80,21 +80,21 @@ def archive_log(path: Path) -> Iterator[None]:
                 yield from archive_spans(source, packed, os.fstat(descriptor).st_mtime)
             os.unlink(path)  # noqa: PTH108
     except FileNotFoundError:
-        part_path(packed).unlink(missing_ok=True)
+        partial_path(packed).unlink(missing_ok=True)
         packed.unlink(missing_ok=True)
     sync_directory(path.parent)
 
 
 def archive_spans(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
-    """Compress a source into a file that appears complete and on disk, or not at all; raises OSError."""
+    """Compress a source into a file that is created atomically, when it is on disk and verified; raises OSError."""
     if source.size > MAX_BLOCKS * BLOCK_BYTES:
         raise OSError(errno.EFBIG, "too large to be compressed")
-    part = part_path(packed)
-    with contextlib.ExitStack() as opened:
-        target = _open(part, os.O_RDWR | os.O_CREAT, opened)
-        yield from _fill(source, target)
+    part = partial_path(packed)
+    with contextlib.ExitStack() as resources:
+        target = _open(part, os.O_RDWR | os.O_CREAT, resources)
+        yield from _append_members(source, target)
         os.fsync(target)
-        # Drop the cached pages, so that the comparison reads from the medium.
+        # Without cached pages, the comparison reads from the medium.
         os.posix_fadvise(target, 0, 0, os.POSIX_FADV_DONTNEED)
         if not (yield from _is_same(target, source)):
             os.ftruncate(target, 0)
@@ -105,8 +105,8 @@ def archive_spans(source: Spans, packed: Path, modified_s: float) -> Iterator[No
     sync_directory(packed.parent)
 
 
-def _fill(source: Spans, target: int) -> Iterator[None]:
-    """Append all members that are missing, then the index."""
+def _append_members(source: Spans, target: int) -> Iterator[None]:
+    """Append the missing members to a partial archive, then the index."""
     members = complete_members(target)[: source.size // BLOCK_BYTES]
     end = sum(members)
     os.ftruncate(target, end)
@@ -116,13 +116,13 @@ def _fill(source: Spans, target: int) -> Iterator[None]:
         members.append(len(member))
         end += len(member)
         if len(members) % BLOCKS_PER_SYNC == 0:
-            os.fdatasync(target)  # in small amounts: a large one would delay the log
+            os.fdatasync(target)  # one large sync would delay the log
         yield
     _write(target, pack_index(source.size, members), end)
 
 
 def _is_same(descriptor: int, source: Spans) -> Generator[None, None, bool]:
-    """Return whether an archive holds the same bytes as its source; compares a few blocks per step."""
+    """Return whether an archive contains the same bytes as its source; compares a few blocks per step."""
     try:
         archive = PackedFile(os.dup(descriptor))
     except OSError:
@@ -148,7 +148,7 @@ def _write(descriptor: int, data: bytes, offset: int) -> None:
         written += os.pwrite(descriptor, data[written:], offset + written)
 
 
-def _open(path: Path, flags: int, opened: contextlib.ExitStack) -> int:
+def _open(path: Path, flags: int, resources: contextlib.ExitStack) -> int:
     descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, FILE_MODE)
-    opened.callback(os.close, descriptor)
+    resources.callback(os.close, descriptor)
     return descriptor

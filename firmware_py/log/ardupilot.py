@@ -1,4 +1,4 @@
-"""ArduPilot messages for log viewers: track, modes, parameters and texts. They are not read back.
+"""ArduPilot messages for log viewers: track, modes, parameters and texts. A replay ignores them.
 
 Source: ArduPilot libraries/AP_Logger/LogStructure.h and the structures of its GPS and vehicle folders.
 """
@@ -39,19 +39,19 @@ MAX_UTC_S: Final = 4102444800.0  # 2100-01-01
 _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
 
-def position_bytes(sample: PositionSample) -> bytes:
-    """Return a fix as a GPS message, empty without a position."""
+def encode_position(sample: PositionSample) -> bytes:
+    """Return the GPS message of a fix, empty without a position."""
     if sample.fix is FixType.NONE or sample.latitude_rad is None or sample.longitude_rad is None:
         return b""
-    week, week_ms = _gps_time(sample.utc_s)
+    week, week_ms = _to_gps_time(sample.utc_s)
     return GPS.pack(
         microseconds(sample.t_s),
         0,
         sample.fix,
         week_ms,
         week,
-        _bounded(sample.satellites, 1.0, 0xFF),
-        _bounded(sample.hdop, 100.0, 0xFFFF),
+        _scale_and_limit(sample.satellites, 1.0, 0xFF),
+        _scale_and_limit(sample.hdop, 100.0, 0xFFFF),
         round(degrees(wrap_pi(sample.latitude_rad)) * 1e7),
         round(degrees(wrap_pi(sample.longitude_rad)) * 1e7),
         *(math.nan if value is None else value for value in (sample.altitude_m, sample.speed_over_ground_m_s)),
@@ -59,51 +59,51 @@ def position_bytes(sample: PositionSample) -> bytes:
     )
 
 
-def mode_bytes(t_s: float, mode: int) -> bytes:
+def encode_mode(t_s: float, mode: int) -> bytes:
     """Return the message of a mode change."""
     return MODE.pack(microseconds(t_s), mode, mode, 0)
 
 
-def parameter_bytes(t_s: float, name: str, value: float) -> bytes:
+def encode_parameter(t_s: float, name: str, value: float) -> bytes:
     """Return the message of one parameter with its default."""
     return PARM.pack(microseconds(t_s), name.encode(), value, _DEFAULTS[name])
 
 
-def parameters_bytes(t_s: float, values: ParameterSet) -> bytes:
+def encode_parameters(t_s: float, values: ParameterSet) -> bytes:
     """Return the messages of all parameters."""
-    return b"".join(parameter_bytes(t_s, name, value) for name, value in values.items())
+    return b"".join(encode_parameter(t_s, name, value) for name, value in values.items())
 
 
-def message_bytes(t_s: float, events: Iterable[Event]) -> bytes:
-    """Return the messages of texts to the operator, each cut to TEXT_BYTES."""
+def encode_texts(t_s: float, events: Iterable[Event]) -> bytes:
+    """Return the messages of texts to the operator, each truncated to TEXT_BYTES."""
     return b"".join(
         MSG.pack(microseconds(t_s), event.text.encode("utf-8", "replace")[:TEXT_BYTES], event.severity)
         for event in events
     )
 
 
-def opening(software: str, utc_s: float) -> tuple[Event, ...]:
-    """Return the texts at the start of a file, the software version first.
+def start_texts(software: str, utc_s: float) -> tuple[Event, ...]:
+    """Return the texts at the start of a file: software version, numbering of modes, time of the start.
 
-    The word ArduRover makes pymavlink use that vehicle's mode names.
+    pymavlink selects its mode names by the word ArduRover.
     """
-    started = "unknown"
+    start_text = "unknown"
     if 0.0 <= utc_s < MAX_UTC_S:
-        started = dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    texts = (software, "Modes are numbered as ArduRover's", f"Process started {started}")
+        start_text = dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    texts = (software, "Modes are numbered as ArduRover's", f"Process started {start_text}")
     return tuple(Event(Severity.INFO, text) for text in texts)
 
 
-def _gps_time(utc_s: float | None) -> tuple[int, int]:
-    """Return GPS week and milliseconds of the week, zeros if unknown."""
+def _to_gps_time(utc_s: float | None) -> tuple[int, int]:
+    """Convert UTC to GPS week and milliseconds of the week; zeros if it is unknown or out of range."""
     if utc_s is None or not GPS_EPOCH_S <= utc_s < MAX_UTC_S:
         return 0, 0
-    week, rest_s = divmod(utc_s - GPS_EPOCH_S + LEAP_SECONDS, WEEK_S)
-    return int(week), int(rest_s * 1e3)
+    week, week_s = divmod(utc_s - GPS_EPOCH_S + LEAP_SECONDS, WEEK_S)
+    return int(week), int(week_s * 1e3)
 
 
-def _bounded(value: float | None, factor: float, largest: int) -> int:
-    """Scale to an integer within 0 to largest, 0 if absent."""
+def _scale_and_limit(value: float | None, factor: float, max_value: int) -> int:
+    """Multiply by a factor and limit to integers from 0 to `max_value`; 0 for None and NaN."""
     if value is None or not value > 0.0:
         return 0
-    return int(min(value * factor, float(largest)))
+    return int(min(value * factor, float(max_value)))

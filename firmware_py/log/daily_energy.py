@@ -1,7 +1,7 @@
 """Daily energy balance from the thin log: generated, used and stored energy.
 
-A row of the thin log has mean powers of a minute. If part of a day has no measurement, it is assumed to be like
-the rest of the day, and the result is marked as an estimate.
+A row of the thin log contains mean powers of a minute. For the part of a day without measurements, the mean power of
+the rest of the day is assumed, and the result is marked as an estimate.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from firmware_py.log.thin import SAILING, UPKEEP
 JOULES_PER_WATT_HOUR: Final = 3600.0
 MAX_ROW_S: Final = 600.0  # a longer row is damaged
 _LABELS: Final = ("Utc", "Sec", "Flt", "BatV", "BatA", "Enr", "VSrv", "Sun", "Load", "SoC")
-MIN_MEASURED_SHARE: Final = 0.995  # of the logged time; below it the energy is extrapolated
+MIN_MEASURED_FRACTION: Final = 0.995  # of the logged time; below this fraction the energy is extrapolated
 
 
 class Row(msgspec.Struct, frozen=True):
-    """A minute of the thin log: end, duration, and the columns of both messages by label."""
+    """A minute of the thin log: time of the end, duration, and the columns of both messages by label."""
 
     utc_s: float
     span_s: float
@@ -44,20 +44,20 @@ class Row(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Sum:
-    """Measured energy and the duration of the measurement."""
+    """Measured energy and total duration of the measurements."""
 
     energy_j: float = 0.0
     measured_s: float = 0.0
 
     def add(self, power_w: float | None, span_s: float) -> None:
-        """Add a span; None: not measured."""
+        """Add the energy of an interval; None: the power was not measured."""
         if power_w is not None:
             self.energy_j += power_w * span_s
             self.measured_s += span_s
 
 
 class Amount(msgspec.Struct, frozen=True):
-    """Watt-hours over the logged time; `estimated`: part of it was not measured."""
+    """Energy in the logged time; `estimated`: a part of the time was not measured."""
 
     wh: float
     measured_h: float
@@ -66,7 +66,7 @@ class Amount(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Day:
-    """The sums of a day (UTC); the name is empty for an unknown date; `charge` is the last known one."""
+    """The sums of a day (UTC); `name` is empty for an unknown date, `charge` is the last known value."""
 
     name: str
     logged_s: float = 0.0
@@ -92,18 +92,18 @@ class Day:
         self.discharged.add(None if battery_w is None else max(0.0, -battery_w), span_s)
         self.charge = row.value("SoC") if row.value("SoC") is not None else self.charge
 
-    def amount(self, of: Sum, otherwise_w: float | None = None) -> Amount | None:
-        """Return a sum extrapolated to the logged time; `otherwise_w` is the power if nothing was measured."""
-        if of.measured_s > 0.0:
-            estimated = of.measured_s < MIN_MEASURED_SHARE * self.logged_s
-            joules = of.energy_j * self.logged_s / of.measured_s if estimated else of.energy_j
-            return Amount(joules / JOULES_PER_WATT_HOUR, of.measured_s / 3600.0, estimated)
-        if otherwise_w is None or not self.logged_s:
+    def amount(self, measured: Sum, default_w: float | None = None) -> Amount | None:
+        """Return a sum extrapolated to the logged time; `default_w` is the power if nothing was measured."""
+        if measured.measured_s > 0.0:
+            estimated = measured.measured_s < MIN_MEASURED_FRACTION * self.logged_s
+            energy_j = measured.energy_j * self.logged_s / measured.measured_s if estimated else measured.energy_j
+            return Amount(energy_j / JOULES_PER_WATT_HOUR, measured.measured_s / 3600.0, estimated)
+        if default_w is None or not self.logged_s:
             return None
-        return Amount(otherwise_w * self.logged_s / JOULES_PER_WATT_HOUR, 0.0, estimated=True)
+        return Amount(default_w * self.logged_s / JOULES_PER_WATT_HOUR, 0.0, estimated=True)
 
     def amounts(self, rest_w: float | None) -> dict[str, Amount | None]:
-        """Return all amounts by name; `rest_w` is the power of all loads but the servo if the load is not measured."""
+        """Return all amounts by name; without a measured load, `rest_w` is the power of all loads but the servo."""
         servo = self.amount(self.servo)
         servo_w = self.servo.energy_j / self.servo.measured_s if self.servo.measured_s else 0.0
         load = self.amount(self.load, None if rest_w is None else rest_w + servo_w)
@@ -120,34 +120,34 @@ class Day:
         }
 
 
-def days(rows: Iterable[Row]) -> list[Day]:
-    """Return the days of rows in order of time, rows of unknown date first."""
-    found: dict[str, Day] = {}
+def sum_by_day(rows: Iterable[Row]) -> list[Day]:
+    """Sum up rows by day; days are in order of time, the unknown date is first."""
+    days_by_name: dict[str, Day] = {}
     for row in rows:
         name = ""
         if is_possible(row.utc_s):
-            middle_s = row.utc_s - 0.5 * row.span_s  # a minute over midnight counts for the day of its larger part
+            middle_s = row.utc_s - 0.5 * row.span_s  # a row across midnight belongs to the day of its larger part
             name = dt.datetime.fromtimestamp(middle_s // DAY_S * DAY_S, tz=dt.UTC).strftime("%Y-%m-%d")
-        found.setdefault(name, Day(name)).add(row)
-    return [found[name] for name in sorted(found)]
+        days_by_name.setdefault(name, Day(name)).add(row)
+    return [days_by_name[name] for name in sorted(days_by_name)]
 
 
-def thin_logs(directory: Path) -> list[Path]:
-    """Return the thin logs below a log directory, the oldest first."""
+def list_thin_logs(directory: Path) -> list[Path]:
+    """Return the paths of the thin logs below a log directory, the oldest first."""
     thin = directory / THIN
     return list(log_files(thin).values()) if thin.is_dir() else []
 
 
-def rows(paths: Sequence[Path]) -> Iterator[Row]:
+def read_rows(paths: Sequence[Path]) -> Iterator[Row]:
     """Yield the rows of thin logs with corrected UTC; raises LogError for a log that cannot be read.
 
-    All rows are read first, because the clock may have been set after a row. A year takes about 60 MB.
+    All rows are read first, because the clock may be set only after a row. A year needs about 60 MB of memory.
     """
     values, times_s = array("d"), array("d")
     for path in paths:
         try:
             with open_buffer(path) as buffer:
-                for time_s, cells in _rows(buffer):
+                for time_s, cells in _read_rows(buffer):
                     times_s.append(time_s)
                     values.extend(cells)
         except OSError as error:
@@ -159,20 +159,20 @@ def rows(paths: Sequence[Path]) -> Iterator[Row]:
         yield Row(row_utc_s, row["Sec"], row)
 
 
-def _rows(buffer: Any) -> Iterator[tuple[float, list[float]]]:
+def _read_rows(buffer: Any) -> Iterator[tuple[float, list[float]]]:
     """Yield the time since the start of the run and the values of each whole row."""
-    first: Mapping[str, float] | None = None
+    first_values: Mapping[str, float] | None = None
     for file_format, at in Parser(buffer):
         if file_format.name not in (SAILING.type.name, UPKEEP.type.name):
             continue
         cells = zip(file_format.labels, file_format.unpack(buffer, at), strict=True)
         values = {label: value for label, value in cells if isinstance(value, (int, float))}
         if file_format.name == SAILING.type.name:
-            first = values
+            first_values = values
             continue
-        # The second message of a row follows the first; a second message alone belongs to a truncated row.
-        if first is not None and first.get("TimeUS") == values.get("TimeUS"):
-            both = {**first, **values}
-            if 0.0 < both.get("Sec", math.nan) <= MAX_ROW_S:
-                yield both.get("TimeUS", math.nan) / 1e6, [both.get(label, math.nan) for label in _LABELS]
-        first = None
+        # A row is two messages in succession; a second message without the first belongs to a truncated row.
+        if first_values is not None and first_values.get("TimeUS") == values.get("TimeUS"):
+            all_values = {**first_values, **values}
+            if 0.0 < all_values.get("Sec", math.nan) <= MAX_ROW_S:
+                yield all_values.get("TimeUS", math.nan) / 1e6, [all_values.get(label, math.nan) for label in _LABELS]
+        first_values = None

@@ -4,7 +4,7 @@ Every record is A3 95, a type byte and packed little-endian values. FMT records 
 128) give each type its name, length, value characters and column labels; FMTU, UNIT and
 MULT add the units. Source: ArduPilot libraries/AP_Logger, README.md and LogStructure.h.
 The writing side (MessageType, header) and the reading side (Format, Parser) share the
-table of value characters and nothing else.
+table of value characters only.
 """
 
 from __future__ import annotations
@@ -85,12 +85,12 @@ class LogError(ValueError):
 
 
 class MessageType:
-    """One kind of record, as it is written."""
+    """One type of record for writing."""
 
     __slots__ = ("labels", "multipliers", "name", "number", "pack", "size", "units", "values")
 
     def __init__(self, number: int, name: str, labels: str, values: str, units: str, multipliers: str) -> None:
-        """Check the description against the limits of the format; raises ValueError."""
+        """Check the description against the limits of the format; raises ValueError beyond them."""
         count = len(labels.split(","))
         if not 1 <= len(name) <= 4 or count > MAX_COLUMNS or len(labels) > MAX_LABELS:
             raise ValueError(f"{name}: too long a name, or too many or too long labels")
@@ -118,22 +118,23 @@ FMTU = MessageType(131, "FMTU", "TimeUS,FmtType,UnitIds,MultIds", "QBNN", "s---"
 
 
 def header(messages: Sequence[MessageType], time_us: int) -> bytes:
-    """Return the start of a file: formats, units, multipliers, and the units and multipliers of each column."""
-    described = (FMT, UNIT, MULT, FMTU, *messages)
+    """Return the header of a file: formats, units, multipliers, and the units and multipliers of each column."""
+    all_messages = (FMT, UNIT, MULT, FMTU, *messages)
     parts = [
-        FMT.pack(row.number, row.size, row.name.encode(), row.values.encode(), row.labels.encode()) for row in described
+        FMT.pack(row.number, row.size, row.name.encode(), row.values.encode(), row.labels.encode())
+        for row in all_messages
     ]
     # pymavlink interprets the first column of FMTU as the type when it walks a file, so the time
-    # must not be a valid type.
-    stamp = time_us if time_us > 255 else 0
-    parts += [UNIT.pack(stamp, ord(char), text.encode()) for char, text in UNITS.items()]
-    parts += [MULT.pack(stamp, ord(char), factor) for char, factor in MULTIPLIERS.items()]
-    parts += [FMTU.pack(stamp, row.number, row.units.encode(), row.multipliers.encode()) for row in described]
+    # must not be a valid type number.
+    stamp_us = time_us if time_us > 255 else 0
+    parts += [UNIT.pack(stamp_us, ord(character), text.encode()) for character, text in UNITS.items()]
+    parts += [MULT.pack(stamp_us, ord(character), factor) for character, factor in MULTIPLIERS.items()]
+    parts += [FMTU.pack(stamp_us, row.number, row.units.encode(), row.multipliers.encode()) for row in all_messages]
     return b"".join(parts)
 
 
 class Format:
-    """One kind of record, as a file describes it."""
+    """One type of record as described by a file, for reading."""
 
     __slots__ = ("labels", "length", "name", "number", "unpack", "values")
 
@@ -152,7 +153,7 @@ class Format:
         self.unpack: Callable[[Buffer, int], tuple[Any, ...]] = layout.unpack_from
 
 
-def text_of(data: bytes) -> str:
+def decode_text(data: bytes) -> str:
     """Return the text of a name or format column up to its first NUL."""
     return data.partition(b"\0")[0].decode("utf-8", "replace")
 
@@ -163,8 +164,8 @@ _FMT_FORMAT = Format(FMT_TYPE, FMT_BYTES, FMT.name, FMT.values, FMT.labels)
 class Parser:
     """Iterator over the records of a buffer, which may contain other bytes.
 
-    After the iteration, `garbage_bytes` is the number of bytes between records and `tail_bytes` those after
-    the last whole record.
+    After the iteration, `garbage_bytes` is the number of bytes between records and `tail_bytes` the number of bytes
+    after the last whole record.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -177,47 +178,47 @@ class Parser:
     def __iter__(self) -> Iterator[tuple[Format, int]]:
         """Yield the format and the offset of every whole record in order, including FMT records."""
         buffer, size = self._buffer, len(self._buffer)
-        done = at = self.garbage_bytes = 0
+        records_end = offset = self.garbage_bytes = 0
         while True:
-            at = buffer.find(MARK, at)
-            if at < 0 or at + HEAD_BYTES > size:
+            offset = buffer.find(MARK, offset)
+            if offset < 0 or offset + HEAD_BYTES > size:
                 break
-            file_format = self._formats.get(buffer[at + 2])
-            end = at + file_format.length if file_format is not None else size + 1
-            # After garbage, two bytes of a mark are weak evidence: the record must also end
-            # at the next mark or at the end of the buffer.
-            if file_format is None or end > size or (at != done and not self._is_record_start(end)):
-                at += 1
+            file_format = self._formats.get(buffer[offset + 2])
+            end = offset + file_format.length if file_format is not None else size + 1
+            # Garbage may contain the two bytes of a mark, so the record after it must also end at the next mark or
+            # at the end of the buffer.
+            if file_format is None or end > size or (offset != records_end and not self._is_record_start(end)):
+                offset += 1
                 continue
-            self.garbage_bytes += at - done
+            self.garbage_bytes += offset - records_end
             if file_format.number == FMT_TYPE:
-                self._add_format(file_format.unpack(buffer, at))
-            yield file_format, at
-            done = at = end
-        self.tail_bytes = size - done
+                self._add_format(file_format.unpack(buffer, offset))
+            yield file_format, offset
+            records_end = offset = end
+        self.tail_bytes = size - records_end
 
-    def _is_record_start(self, at: int) -> bool:
-        return at == len(self._buffer) or self._buffer[at : at + 2] == MARK
+    def _is_record_start(self, offset: int) -> bool:
+        return offset == len(self._buffer) or self._buffer[offset : offset + 2] == MARK
 
     def _add_format(self, values: tuple[Any, ...]) -> None:
         number, length = values[0], values[1]
         if number == FMT_TYPE:
             return
-        name, characters, labels = (text_of(value) for value in values[2:])
+        name, characters, labels = (decode_text(value) for value in values[2:])
         try:
             self._formats[number] = Format(number, length, name, characters, labels)
-        except ValueError:  # a message of another program, or damage: its length is enough to skip it
+        except ValueError:  # of another program or damaged; its length suffices to skip its records
             if length > HEAD_BYTES:
-                self._formats[number] = _opaque(number, length, name)
+                self._formats[number] = _opaque_format(number, length, name)
 
 
-def whole_bytes(buffer: Buffer) -> int:
-    """Return the length of a buffer up to the end of its last whole record."""
+def size_of_whole_records(buffer: Buffer) -> int:
+    """Return the number of bytes of a buffer up to the end of its last whole record."""
     parser = Parser(buffer)
     for _ in parser:
         pass
     return len(buffer) - parser.tail_bytes
 
 
-def _opaque(number: int, length: int, name: str) -> Format:
+def _opaque_format(number: int, length: int, name: str) -> Format:
     return Format(number, length, re.sub(r"\W", "?", name), "B" * (length - HEAD_BYTES), "?," * (length - 4) + "?")

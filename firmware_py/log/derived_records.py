@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_py.common.reports import Snapshot
-from firmware_py.log.message_rows import Row, flag, maybe, real, whole
+from firmware_py.log.message_rows import Row, flag_column, float_column, integer_column, optional_column
 
-GUIDANCE_TICKS: Final = 10  # interval of the messages that change slowly, which are all but NAV and EST
+SLOW_INTERVAL_TICKS: Final = 10  # interval of all messages but NAV and EST
 
 
 def _ignore_record() -> None:
@@ -18,17 +18,17 @@ NAVIGATION: Final = Row(
     148,
     "NAV",
     (
-        maybe("Hdg", "r", "heading_rad"),
-        flag("HdgOk", "heading_ok"),
-        maybe("YawR", "E", "yaw_rate_rad_s"),
-        maybe("Roll", "r", "roll_rad"),
-        maybe("Pitch", "r", "pitch_rad"),
-        maybe("Goal", "r", "goal_heading_rad"),
-        maybe("Err", "r", "heading_error_rad"),
-        maybe("Brg", "r", "bearing_rad"),
-        maybe("Dist", "m", "distance_m"),
-        flag("PosOk", "position_ok"),
-        real("Soft", "-", "gain_reduction"),
+        optional_column("Hdg", "r", "heading_rad"),
+        flag_column("HdgOk", "heading_ok"),
+        optional_column("YawR", "E", "yaw_rate_rad_s"),
+        optional_column("Roll", "r", "roll_rad"),
+        optional_column("Pitch", "r", "pitch_rad"),
+        optional_column("Goal", "r", "goal_heading_rad"),
+        optional_column("Err", "r", "heading_error_rad"),
+        optional_column("Brg", "r", "bearing_rad"),
+        optional_column("Dist", "m", "distance_m"),
+        flag_column("PosOk", "position_ok"),
+        float_column("Soft", "-", "gain_reduction"),
     ),
     _ignore_record,
 )
@@ -36,15 +36,15 @@ GUIDANCE: Final = Row(
     153,
     "GDN",
     (
-        whole("Do", "B", "navigation.activity"),
-        maybe("Lat", "r", "navigation.target_latitude_rad"),
-        maybe("Lng", "r", "navigation.target_longitude_rad"),
-        maybe("Rad", "m", "navigation.radius_m"),
-        maybe("XTrk", "m", "navigation.cross_track_m"),
-        flag("Arr", "navigation.arrived"),
-        maybe("Fnc", "m", "navigation.fence_margin_m"),
-        whole("MSt", "B", "mission.state"),
-        maybe("MItm", "-", "mission.index"),
+        integer_column("Do", "B", "navigation.activity"),
+        optional_column("Lat", "r", "navigation.target_latitude_rad"),
+        optional_column("Lng", "r", "navigation.target_longitude_rad"),
+        optional_column("Rad", "m", "navigation.radius_m"),
+        optional_column("XTrk", "m", "navigation.cross_track_m"),
+        flag_column("Arr", "navigation.arrived"),
+        optional_column("Fnc", "m", "navigation.fence_margin_m"),
+        integer_column("MSt", "B", "mission.state"),
+        optional_column("MItm", "-", "mission.index"),
     ),
     _ignore_record,
 )
@@ -52,14 +52,14 @@ WATER: Final = Row(
     154,
     "WTR",
     (
-        real("U", "n", "speed_m_s"),
-        real("USd", "n", "speed_sd_m_s"),
-        real("CN", "n", "current_north_m_s"),
-        real("CE", "n", "current_east_m_s"),
-        real("CSd", "n", "current_sd_m_s"),
-        real("Lee", "r", "leeway_rad"),
-        real("LSd", "r", "leeway_sd_rad"),
-        flag("Strg", "too_strong"),
+        float_column("U", "n", "speed_m_s"),
+        float_column("USd", "n", "speed_sd_m_s"),
+        float_column("CN", "n", "current_north_m_s"),
+        float_column("CE", "n", "current_east_m_s"),
+        float_column("CSd", "n", "current_sd_m_s"),
+        float_column("Lee", "r", "leeway_rad"),
+        float_column("LSd", "r", "leeway_sd_rad"),
+        flag_column("Strg", "too_strong"),
     ),
     _ignore_record,
 )
@@ -67,21 +67,21 @@ ESTIMATE: Final = Row(
     151,
     "EST",
     (
-        real("Hdg", "r", "heading_rad"),
-        real("HSd", "r", "heading_sd_rad"),
-        real("YawR", "E", "yaw_rate_rad_s"),
-        whole("Src", "B", "source"),
-        real("Bias", "r", "bias_rad"),
-        real("BSd", "r", "bias_sd_rad"),
-        real("WT", "s", "wave_period_s"),
-        real("WSd", "r", "wave_sd_rad"),
-        real("U", "n", "speed_m_s"),
-        real("CN", "n", "current_north_m_s"),
-        real("CE", "n", "current_east_m_s"),
-        real("In", "r", "innovation_rad"),
-        real("ISd", "r", "innovation_sd_rad"),
-        real("I2", "-", "innovation_square"),
-        real("P2", "-", "prediction_square"),
+        float_column("Hdg", "r", "heading_rad"),
+        float_column("HSd", "r", "heading_sd_rad"),
+        float_column("YawR", "E", "yaw_rate_rad_s"),
+        integer_column("Src", "B", "source"),
+        float_column("Bias", "r", "bias_rad"),
+        float_column("BSd", "r", "bias_sd_rad"),
+        float_column("WT", "s", "wave_period_s"),
+        float_column("WSd", "r", "wave_sd_rad"),
+        float_column("U", "n", "speed_m_s"),
+        float_column("CN", "n", "current_north_m_s"),
+        float_column("CE", "n", "current_east_m_s"),
+        float_column("In", "r", "innovation_rad"),
+        float_column("ISd", "r", "innovation_sd_rad"),
+        float_column("I2", "-", "innovation_square"),
+        float_column("P2", "-", "prediction_square"),
     ),
     _ignore_record,
 )
@@ -89,13 +89,13 @@ ENERGY: Final = Row(
     155,
     "ENRG",
     (
-        real("Trav", "r", "travel_rad"),
-        whole("Rev", "Q", "reversals"),
-        real("Enrg", "J", "energy_j"),
-        real("TrvH", "r", "travel_rad_per_h"),
-        real("RevH", "-", "reversals_per_h"),
-        maybe("Pow", "W", "power_w"),
-        flag("Rest", "resting"),
+        float_column("Trav", "r", "travel_rad"),
+        integer_column("Rev", "Q", "reversals"),
+        float_column("Enrg", "J", "energy_j"),
+        float_column("TrvH", "r", "travel_rad_per_h"),
+        float_column("RevH", "-", "reversals_per_h"),
+        optional_column("Pow", "W", "power_w"),
+        flag_column("Rest", "resting"),
     ),
     _ignore_record,
 )
@@ -103,15 +103,15 @@ SUPPLY: Final = Row(
     158,
     "SUPL",
     (
-        maybe("Volt", "v", "voltage_v"),
-        maybe("Curr", "A", "current_a"),
-        maybe("SoC", "-", "charge"),
-        maybe("Sun", "W", "solar_w"),
-        maybe("Load", "W", "load_w"),
-        real("ESun", "J", "solar.energy_j"),
-        real("ELod", "J", "load.energy_j"),
-        real("EIn", "J", "charged.energy_j"),
-        real("EOut", "J", "discharged.energy_j"),
+        optional_column("Volt", "v", "voltage_v"),
+        optional_column("Curr", "A", "current_a"),
+        optional_column("SoC", "-", "charge"),
+        optional_column("Sun", "W", "solar_w"),
+        optional_column("Load", "W", "load_w"),
+        float_column("ESun", "J", "solar.energy_j"),
+        float_column("ELod", "J", "load.energy_j"),
+        float_column("EIn", "J", "charged.energy_j"),
+        float_column("EOut", "J", "discharged.energy_j"),
     ),
     _ignore_record,
 )
@@ -119,12 +119,12 @@ DEAD_RECKONING: Final = Row(
     192,
     "RKN",
     (
-        real("Lat", "r", "latitude_rad"),
-        real("Lng", "r", "longitude_rad"),
-        real("VN", "n", "north_m_s"),
-        real("VE", "n", "east_m_s"),
-        real("Sd", "m", "sd_m"),
-        real("For", "s", "time_since_fix_s"),
+        float_column("Lat", "r", "latitude_rad"),
+        float_column("Lng", "r", "longitude_rad"),
+        float_column("VN", "n", "north_m_s"),
+        float_column("VE", "n", "east_m_s"),
+        float_column("Sd", "m", "sd_m"),
+        float_column("For", "s", "time_since_fix_s"),
     ),
     _ignore_record,
 )
@@ -139,13 +139,13 @@ TYPES: Final = (
 )
 
 
-def snapshot_bytes(snapshot: Snapshot) -> bytes:
+def encode_snapshot(snapshot: Snapshot) -> bytes:
     """Encode the log messages of a snapshot."""
     t_s = snapshot.t_s
     data = NAVIGATION.pack(t_s, snapshot)
     if snapshot.estimate is not None:
         data += ESTIMATE.pack(t_s, snapshot.estimate)
-    if snapshot.tick % GUIDANCE_TICKS:
+    if snapshot.tick % SLOW_INTERVAL_TICKS:
         return data
     data += GUIDANCE.pack(t_s, snapshot)
     if snapshot.energy is not None:

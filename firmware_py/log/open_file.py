@@ -26,8 +26,8 @@ _NO_ROOM: Final = "no room for temporary files to unpack it (TMPDIR can name ano
 def open_buffer(path: Path) -> Iterator[Buffer]:
     """Map a log, or its compressed file if it has been archived. Raises OSError with a reason in strerror.
 
-    A compressed log is unpacked into a temporary file. A truncated one is read up to its end; a
-    damaged block is skipped.
+    A compressed log is unpacked into a temporary file. A truncated log is read up to its end; damaged blocks are
+    skipped.
     """
     try:
         file = os.fdopen(open_regular(path, max_bytes=MAX_LOG_BYTES), "rb")
@@ -35,63 +35,63 @@ def open_buffer(path: Path) -> Iterator[Buffer]:
         if not packed_path(path).is_file():
             raise
         file = os.fdopen(open_regular(packed_path(path), max_bytes=MAX_LOG_BYTES), "rb")
-    with contextlib.ExitStack() as opened:
-        plain: IO[bytes] = opened.enter_context(file)
+    with contextlib.ExitStack() as resources:
+        log: IO[bytes] = resources.enter_context(file)
         if file.peek(len(_GZIP))[: len(_GZIP)] == _GZIP:
-            plain = opened.enter_context(_temporary_file())
-            _unpack(file, plain)
-            _put(plain, b"")
-        if not plain.seek(0, os.SEEK_END):
+            log = resources.enter_context(_open_temporary_file())
+            _unpack_members(file, log)
+        if not log.seek(0, os.SEEK_END):
             yield b""  # an empty file cannot be mapped
             return
-        yield opened.enter_context(mmap.mmap(plain.fileno(), 0, access=mmap.ACCESS_READ))
+        yield resources.enter_context(mmap.mmap(log.fileno(), 0, access=mmap.ACCESS_READ))
 
 
-def _temporary_file() -> IO[bytes]:
+def _open_temporary_file() -> IO[bytes]:
     try:
         return tempfile.TemporaryFile(prefix="rambler-")
     except FileNotFoundError as error:  # no temporary directory is writable
         raise OSError(errno.ENOSPC, _NO_ROOM) from error
 
 
-def _put(target: IO[bytes], part: bytes) -> None:
-    """Write a part; flush if it is empty."""
-    try:
-        target.write(part)
-        if not part:
-            target.flush()
-    except OSError as error:
-        raise OSError(error.errno, _NO_ROOM if error.errno == errno.ENOSPC else error.strerror) from error
-
-
-def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
-    """Unpack all members; after a damaged one, continue with the next block written by `archive_log`."""
+def _unpack_members(source: IO[bytes], target: IO[bytes]) -> None:
+    """Unpack all gzip members. After a damaged member, continue with the next one that `archive_log` wrote."""
     unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
-    size, data = 0, b""
+    unpacked_bytes, data = 0, b""
     while data or (data := source.read(_CHUNK_BYTES)):
         try:
-            part = unpacker.decompress(data, _CHUNK_BYTES)
+            block = unpacker.decompress(data, _CHUNK_BYTES)
         except zlib.error:
-            data, unpacker = _next_member(data, source), zlib.decompressobj(zlib.MAX_WBITS | 16)
+            data, unpacker = _find_next_member(data, source), zlib.decompressobj(zlib.MAX_WBITS | 16)
             continue
-        size += len(part)
-        if size > MAX_LOG_BYTES:
+        unpacked_bytes += len(block)
+        if unpacked_bytes > MAX_LOG_BYTES:
             raise OSError(errno.EFBIG, f"unpacks to more than {MAX_LOG_BYTES >> 20} MiB")
-        if part:
-            _put(target, part)
+        with _remedy_for_full_disk():
+            target.write(block)
         if unpacker.eof:
             data = unpacker.unused_data
             unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
         else:
             data = unpacker.unconsumed_tail
+    with _remedy_for_full_disk():
+        target.flush()
 
 
-def _next_member(data: bytes, source: IO[bytes]) -> bytes:
-    """Return the data from the next block after the first byte on; empty without one."""
-    at = data.find(MEMBER_BEGIN, 1)
-    while at < 0:
-        if not (more := source.read(_CHUNK_BYTES)):
+@contextlib.contextmanager
+def _remedy_for_full_disk() -> Iterator[None]:
+    """Add the remedy to the error for a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, _NO_ROOM if error.errno == errno.ENOSPC else error.strerror) from error
+
+
+def _find_next_member(data: bytes, source: IO[bytes]) -> bytes:
+    """Search the next member after the first byte; return the data from it on, empty at the end of the source."""
+    begin = data.find(MEMBER_BEGIN, 1)
+    while begin < 0:
+        if not (next_chunk := source.read(_CHUNK_BYTES)):
             return b""
-        data = data[1:][-len(MEMBER_BEGIN) :] + more
-        at = data.find(MEMBER_BEGIN)
-    return data[at:]
+        data = data[1:][-len(MEMBER_BEGIN) :] + next_chunk
+        begin = data.find(MEMBER_BEGIN)
+    return data[begin:]

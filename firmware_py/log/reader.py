@@ -1,7 +1,7 @@
-"""Reads the ticks of a log of any length, also of a truncated or damaged one.
+"""Reads the ticks of a log of any length; the log may be truncated or damaged.
 
 Messages and columns are found by name, so logs of other versions are readable: `Reading.notes` lists unknown and
-missing ones. Every version has TICK, END and the command in CTL.
+missing ones. TICK, END and the command in CTL are required.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import msgspec
 
 from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.log import ardupilot, schema
-from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
+from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, decode_text
 from firmware_py.log.message_rows import RowReader
 from firmware_py.log.open_file import open_buffer
 
-MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of maximum length; a limit for damaged logs
+MAX_RECORDS: Final = 1 << 17  # in one tick, so that a damaged log needs limited memory; two texts of maximum length fit
 
-_FRAME: Final = (schema.TICK, schema.CONTROL)
-_SKIPPED: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
+_REQUIRED_ROWS: Final = (schema.TICK, schema.CONTROL)
+_SKIPPED: Final = frozenset(message.name for message in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ_ROWS.keys()
 
 
 class LoggedTick(msgspec.Struct, frozen=True):
     """One tick of a log.
 
-    `command` is the logged rudder command. `checkpoint` is the state before the tick, if the log has it.
-    `gap`: ticks are missing before this one.
+    `command` is the logged rudder command. `checkpoint` is the state before the tick, None if the log has none there.
+    With `gap`, ticks are missing before this one.
     """
 
     inputs: Inputs
@@ -42,9 +42,9 @@ class LoggedTick(msgspec.Struct, frozen=True):
 class Reading(msgspec.Struct, frozen=True):
     """Result of reading a log so far.
 
-    `damaged` is the number of incomplete ticks, `garbage_bytes` those between records, `tail_bytes` those of an
-    unfinished tick at the end and everything after it. `notes` list the messages and columns of a log of another
-    version that are unknown, missing or left out.
+    `damaged` is the number of damaged ticks, `garbage_bytes` the number of bytes between records, `tail_bytes` the
+    number of bytes from an unfinished tick to the end. `notes` lists the messages and columns of a log of another
+    version that are unknown, missing or omitted.
     """
 
     software: str = ""
@@ -78,10 +78,10 @@ class LogReader:
         parser = Parser(buffer)
         scan = _Scan(buffer)
         unfinished_from: int | None = None
-        for file_format, at in parser:
+        for file_format, offset in parser:
             if file_format.name == schema.TICK.type.name:
-                unfinished_from = at
-            tick = scan.take(file_format, at)
+                unfinished_from = offset
+            tick = scan.add(file_format, offset)
             if file_format.name == schema.END.name:
                 unfinished_from = None
             self.reading = scan.reading(parser.garbage_bytes, 0)
@@ -104,77 +104,79 @@ class _Scan:
         self._readers: dict[Format, RowReader] = {}
         self._records: list[tuple[Format, int]] | None = None  # since TICK; None between ticks
         self._crc = 0
-        self._previous: int | None = None
+        self._last_sequence: int | None = None
         self.software = ""
         self.ticks = 0
         self.damaged = 0
         self._notes: dict[str, None] = {}
-        self._unknown: Counter[str] = Counter()  # messages, by name
+        self._unknown_counts: Counter[str] = Counter()  # messages, by name
 
     def reading(self, garbage_bytes: int, tail_bytes: int) -> Reading:
-        """Return the result so far."""
-        unknown = (f"message {name}: not known here, {count} passed over" for name, count in self._unknown.items())
+        """Return the result up to the last record."""
+        unknown = (
+            f"message {name}: not known here, {count} passed over" for name, count in self._unknown_counts.items()
+        )
         notes = (*self._notes, *unknown)
         return Reading(self.software, self.ticks, self.damaged, garbage_bytes, tail_bytes, notes)
 
-    def take(self, file_format: Format, at: int) -> LoggedTick | None:
+    def add(self, file_format: Format, offset: int) -> LoggedTick | None:
         """Process the next record; return the tick that it completes, or None."""
         if file_format.name == schema.TICK.type.name:
             self.damaged += self._records is not None
             self._records, self._crc = [], 0
         if file_format.name == schema.END.name:
-            return self._end(file_format, at)
+            return self._end_tick(file_format, offset)
         if self._records is None:
             if not self.software and _has_format(file_format, ardupilot.MSG):
-                self.software = text_of(file_format.unpack(self._buffer, at)[1])
+                self.software = decode_text(file_format.unpack(self._buffer, offset)[1])
         elif len(self._records) < MAX_RECORDS:
-            self._crc = zlib.crc32(self._buffer[at : at + file_format.length], self._crc)
-            self._records.append((file_format, at))
+            self._crc = zlib.crc32(self._buffer[offset : offset + file_format.length], self._crc)
+            self._records.append((file_format, offset))
         return None
 
-    def _end(self, file_format: Format, at: int) -> LoggedTick | None:
+    def _end_tick(self, file_format: Format, offset: int) -> LoggedTick | None:
         records, self._records = self._records, None
         tick = None
         if "Seq" not in file_format.labels or (file_format.labels[-1], file_format.values[-1]) != ("Crc", "I"):
             raise LogError("message END has no Seq or no Crc: use the version of rambler that wrote the log")
-        values = file_format.unpack(self._buffer, at)
+        values = file_format.unpack(self._buffer, offset)
         sequence, crc = values[file_format.labels.index("Seq")], values[-1]
-        head = self._buffer[at : at + file_format.length - schema.CRC_BYTES]
-        if records is not None and zlib.crc32(head, self._crc) == crc:
-            gap = self._previous is not None and sequence != self._previous + 1
-            tick = self._tick(records, gap=gap)
+        checked_bytes = self._buffer[offset : offset + file_format.length - schema.CRC_BYTES]
+        if records is not None and zlib.crc32(checked_bytes, self._crc) == crc:
+            gap = self._last_sequence is not None and sequence != self._last_sequence + 1
+            tick = self._build_tick(records, gap=gap)
         if tick is None:
             self.damaged += 1
         else:
             self.ticks += 1
-            self._previous = sequence
+            self._last_sequence = sequence
         return tick
 
-    def _tick(self, records: list[tuple[Format, int]], *, gap: bool) -> LoggedTick | None:
-        """Build the tick from its records; None if they are invalid."""
-        got: dict[str, list[Any]] = {name: [] for name in schema.READ}
-        for file_format, at in records:
+    def _build_tick(self, records: list[tuple[Format, int]], *, gap: bool) -> LoggedTick | None:
+        """Build the tick from its records; return None if they are invalid."""
+        records_by_name: dict[str, list[Any]] = {name: [] for name in schema.READ_ROWS}
+        for file_format, offset in records:
             if file_format.name in _SKIPPED:
                 continue
-            row = schema.READ.get(file_format.name)
+            row = schema.READ_ROWS.get(file_format.name)
             if row is None:
-                self._unknown[file_format.name] += 1
+                self._unknown_counts[file_format.name] += 1
                 continue
             if file_format not in self._readers:
                 self._readers[file_format] = RowReader(row, file_format, self._notes)
-                if row in _FRAME and (missing := self._readers[file_format].missing):
+                if row in _REQUIRED_ROWS and (missing := self._readers[file_format].missing):
                     raise LogError(
                         f"message {file_format.name} has no column {', '.join(missing)}: "
                         "use the version of rambler that wrote the log"
                     )
             try:
-                record = self._readers[file_format].read(self._buffer, at)
+                record = self._readers[file_format].read(self._buffer, offset)
             except ValueError:
                 return None
             if record is not None:
-                got[file_format.name].append(record)
+                records_by_name[file_format.name].append(record)
         ticks, headings, positions, rudder, devices, requests, power, vessels, ships, commands, checkpoints = (
-            tuple(got[row.type.name])
+            tuple(records_by_name[row.type.name])
             for row in (
                 schema.TICK,
                 schema.HEADING,
@@ -196,7 +198,7 @@ class _Scan:
 
 
 def _has_format(file_format: Format, expected: MessageType) -> bool:
-    """Whether the format of a message in a file is the expected one."""
+    """Return whether a message of a file has the expected name, columns and value characters."""
     return (file_format.name, file_format.values, file_format.labels) == (
         expected.name,
         expected.values,

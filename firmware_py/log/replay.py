@@ -34,8 +34,8 @@ class Difference(msgspec.Struct, frozen=True):
 class ReplayReport(msgspec.Struct, frozen=True):
     """The result of a replay.
 
-    `ticks` is the number of ticks in the log, `compared` that of recomputed ones: after a gap the state is unknown
-    until the next checkpoint. `largest_rad` is the largest difference of shaft angles, infinite if one is NaN.
+    `ticks` is the number of ticks in the log, `compared` the number of recomputed ticks: after a gap the state is
+    unknown until the next checkpoint. `largest_rad` is the largest difference of shaft angles, infinite if one is NaN.
     `reading` reports damage of the log.
     """
 
@@ -53,8 +53,8 @@ class ReplayReport(msgspec.Struct, frozen=True):
         return self.differences == 0 and self.compared == self.ticks and self.reading.damaged == 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the report as JSON data; the bits of a command are its double in hexadecimal."""
-        first = self.first_difference
+        """Return the report as JSON data; `shaft_bits` is the angle as a big-endian double in hexadecimal."""
+        difference = self.first_difference
         return {
             "identical": self.identical,
             "ticks": self.ticks,
@@ -62,12 +62,12 @@ class ReplayReport(msgspec.Struct, frozen=True):
             "gaps": self.gaps,
             "differences": self.differences,
             "first_difference": None
-            if first is None
+            if difference is None
             else {
-                "tick": first.tick,
-                "t_s": first.t_s,
-                "logged": _command_data(first.logged),
-                "recomputed": _command_data(first.recomputed),
+                "tick": difference.tick,
+                "t_s": difference.t_s,
+                "logged": _command_as_dict(difference.logged),
+                "recomputed": _command_as_dict(difference.recomputed),
             },
             "largest_rad": self.largest_rad if math.isfinite(self.largest_rad) else None,
             **{field.name: getattr(self.reading, field.name) for field in msgspec.structs.fields(Reading)},
@@ -81,40 +81,42 @@ def replay(
 ) -> ReplayReport:
     """Recompute ticks from their checkpoints and compare the commands.
 
-    `restore` returns a state and notes. Raises LogError without ticks or checkpoints, if `restore` rejects a
-    checkpoint with ValueError, or if `step` fails.
+    `restore` converts a checkpoint to a state and notes. Raises LogError if there is no tick or no checkpoint, if
+    `restore` raises ValueError, or if `step` raises any exception.
     """
     count = compared = gaps = differences = 0
-    first: Difference | None = None
+    first_difference: Difference | None = None
     largest_rad = 0.0
-    known_state: tuple[State] | None = None
+    current_state: tuple[State] | None = None
     all_notes: dict[str, None] = {}
     for tick in ticks:
         count += 1
         gaps += tick.gap
         if tick.checkpoint is not None:
-            restored, notes = _restored(tick.checkpoint, restore)
-            known_state = (restored,)
+            restored, notes = _restore_checkpoint(tick.checkpoint, restore)
+            current_state = (restored,)
             all_notes.update(dict.fromkeys(notes))
         elif tick.gap:
-            known_state = None
-        if known_state is None:
+            current_state = None
+        if current_state is None:
             continue
-        state, output = _step_or_refuse(known_state[0], tick.inputs, step)
-        known_state = (state,)
+        state, output = _recompute_tick(current_state[0], tick.inputs, step)
+        current_state = (state,)
         compared += 1
-        if _bits(output.command) != _bits(tick.command):
+        if _command_bits(output.command) != _command_bits(tick.command):
             differences += 1
             difference_rad = abs(output.command.shaft_rad - tick.command.shaft_rad)
             largest_rad = max(largest_rad, math.inf if math.isnan(difference_rad) else difference_rad)
-            if first is None:
-                first = Difference(tick.inputs.tick.index, tick.inputs.tick.t_s, tick.command, output.command)
+            if first_difference is None:
+                first_difference = Difference(
+                    tick.inputs.tick.index, tick.inputs.tick.t_s, tick.command, output.command
+                )
     if count == 0:
         raise LogError("no whole tick in it: give an onboard log (.BIN) that has run for a second or more")
     if compared == 0:
         raise LogError("no checkpoint in it: give the file from its first byte on, replay begins at a stored state")
     reading = Reading(ticks=count, notes=tuple(all_notes))
-    return ReplayReport(count, compared, gaps, differences, first, largest_rad, reading)
+    return ReplayReport(count, compared, gaps, differences, first_difference, largest_rad, reading)
 
 
 def replay_log(
@@ -122,7 +124,7 @@ def replay_log(
     restore: Callable[[str], tuple[State, tuple[str, ...]]],
     step: Callable[[State, Inputs], tuple[State, Output]],
 ) -> ReplayReport:
-    """Replay one log file; raises LogError like `replay`, and if the file cannot be read, with its name."""
+    """Replay one log file; raises LogError like `replay`, and if the file cannot be read. The text names the file."""
     reader = LogReader(source)
     try:
         report = replay(reader, restore, step)
@@ -135,7 +137,7 @@ def replay_log(
     return msgspec.structs.replace(report, reading=msgspec.structs.replace(reader.reading, notes=notes))
 
 
-def _step_or_refuse(
+def _recompute_tick(
     state: State, inputs: Inputs, step: Callable[[State, Inputs], tuple[State, Output]]
 ) -> tuple[State, Output]:
     try:
@@ -145,19 +147,21 @@ def _step_or_refuse(
         raise LogError(f"tick {tick} cannot be recomputed ({type(error).__name__}: {error})") from error
 
 
-def _restored(text: str, restore: Callable[[str], tuple[State, tuple[str, ...]]]) -> tuple[State, tuple[str, ...]]:
+def _restore_checkpoint(
+    text: str, restore: Callable[[str], tuple[State, tuple[str, ...]]]
+) -> tuple[State, tuple[str, ...]]:
     try:
         return restore(text)
     except ValueError as error:
         raise CheckpointError(f"checkpoint refused ({error})") from error
 
 
-def _bits(command: RudderCommand) -> tuple[bytes, bool]:
-    """Return the bytes to compare: -0.0 differs from 0.0, and a NaN equals itself."""
+def _command_bits(command: RudderCommand) -> tuple[bytes, bool]:
+    """Return the bits of a command, in which -0.0 differs from 0.0 and a NaN equals itself."""
     return struct.pack("<d", command.shaft_rad), command.torque_on
 
 
-def _command_data(command: RudderCommand) -> dict[str, Any]:
+def _command_as_dict(command: RudderCommand) -> dict[str, Any]:
     return {
         "shaft_rad": command.shaft_rad if math.isfinite(command.shaft_rad) else None,
         "shaft_bits": struct.pack(">d", command.shaft_rad).hex(),

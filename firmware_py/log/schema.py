@@ -1,9 +1,9 @@
-"""The log messages: one row per message type, one column per field.
+"""Tables of the log messages: one row per message type, one column per field.
 
-A tick is a sequence of records from TICK to END. Between them are the state before the tick (CHK) and the number of
-lost ticks (DROP) at a checkpoint, all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP), the command (CTL) and, for
-readers only, the messages of derived_records.py and ardupilot.py. END has the number of the tick, which reveals missing
-ones, and a checksum over all records since TICK.
+A tick is a sequence of records from TICK to END. Between them are the state before the tick (CHK, at checkpoints only),
+the number of lost ticks (DROP, after a loss only), all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP), the command
+(CTL) and the messages of derived_records.py and ardupilot.py, which a replay ignores. END contains the sequence number
+of the tick, so that missing ticks are detected, and a checksum over all records since TICK.
 
 Inputs and commands are doubles in SI units and radians. T is the exact time, TimeUS the rounded one for log tools.
 """
@@ -35,26 +35,35 @@ from firmware_py.common.reports import Output
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.log import derived_records
 from firmware_py.log.dataflash import MessageType
-from firmware_py.log.message_rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
+from firmware_py.log.message_rows import (
+    Row,
+    enum_column,
+    flag_column,
+    float_column,
+    integer_column,
+    microseconds,
+    optional_column,
+    optional_flag_column,
+)
 
-VERSION: Final = 2  # of the records stored as texts: requests and identities; early development versions had 1
+VERSION: Final = 2  # of requests and identities, which are stored as texts; early development versions had 1
 _HOOKS: Final = Hooks(plan.as_plain, lambda _kind, data: plan.from_plain(data), {plan.Plan: plan.drop_unknown})
 
 
-def _text(text: str) -> str:
+def _keep_text(text: str) -> str:
     return text
 
 
-def request_text(request: Request) -> str:
-    """Return a request as it is logged."""
+def encode_request(request: Request) -> str:
+    """Return the text of a request in the log."""
     return record_codec.to_text(request, VERSION, _HOOKS)
 
 
-def _request(text: str) -> tuple[Any, tuple[str, ...]]:
+def _decode_request(text: str) -> tuple[Any, tuple[str, ...]]:
     return record_codec.from_text(Request, text, VERSION, _HOOKS)
 
 
-def _identity(text: str) -> tuple[Any, tuple[str, ...]]:
+def _decode_identity(text: str) -> tuple[Any, tuple[str, ...]]:
     return record_codec.from_text(VesselIdentity, text, VERSION)
 
 
@@ -62,28 +71,30 @@ TICK: Final = Row(
     140,
     "TICK",
     (
-        whole("Tick", "Q", "index"),
-        real("T", "s", "t_s"),
-        real("Late", "s", "late_s"),
-        whole("Skip", "Q", "skipped"),
-        real("Rate", "z", "rate_hz"),
+        integer_column("Tick", "Q", "index"),
+        float_column("T", "s", "t_s"),
+        float_column("Late", "s", "late_s"),
+        integer_column("Skip", "Q", "skipped"),
+        float_column("Rate", "z", "rate_hz"),
     ),
     Tick,
 )
-CHECKPOINT: Final = Row(141, "CHK", (whole("Tick", "Q", "index"), real("T", "s", "t_s")), _text, text=True)
+CHECKPOINT: Final = Row(
+    141, "CHK", (integer_column("Tick", "Q", "index"), float_column("T", "s", "t_s")), _keep_text, text=True
+)
 HEADING: Final = Row(
     142,
     "HDG",
     (
-        whole("I", "B", "source", "#"),
-        real("T", "s", "t_s"),
-        real("Hdg", "r", "heading_rad"),
-        choice("Ref", "reference", NorthReference),
-        maybe("Var", "r", "variation_rad"),
-        maybe("YawR", "E", "yaw_rate_rad_s"),
-        maybe("Roll", "r", "roll_rad"),
-        maybe("Pitch", "r", "pitch_rad"),
-        maybe("Temp", "O", "temperature_c"),
+        integer_column("I", "B", "source", "#"),
+        float_column("T", "s", "t_s"),
+        float_column("Hdg", "r", "heading_rad"),
+        enum_column("Ref", "reference", NorthReference),
+        optional_column("Var", "r", "variation_rad"),
+        optional_column("YawR", "E", "yaw_rate_rad_s"),
+        optional_column("Roll", "r", "roll_rad"),
+        optional_column("Pitch", "r", "pitch_rad"),
+        optional_column("Temp", "O", "temperature_c"),
     ),
     HeadingSample,
 )
@@ -91,16 +102,16 @@ POSITION: Final = Row(
     143,
     "FIX",
     (
-        real("T", "s", "t_s"),
-        choice("Fix", "fix", FixType),
-        maybe("LatR", "r", "latitude_rad"),
-        maybe("LngR", "r", "longitude_rad"),
-        maybe("Alt", "m", "altitude_m"),
-        maybe("Sog", "n", "speed_over_ground_m_s"),
-        maybe("Cog", "r", "course_over_ground_rad"),
-        maybe("NSat", "S", "satellites", int),
-        maybe("HDop", "-", "hdop"),
-        maybe("Utc", "s", "utc_s"),
+        float_column("T", "s", "t_s"),
+        enum_column("Fix", "fix", FixType),
+        optional_column("LatR", "r", "latitude_rad"),
+        optional_column("LngR", "r", "longitude_rad"),
+        optional_column("Alt", "m", "altitude_m"),
+        optional_column("Sog", "n", "speed_over_ground_m_s"),
+        optional_column("Cog", "r", "course_over_ground_rad"),
+        optional_column("NSat", "S", "satellites", int),
+        optional_column("HDop", "-", "hdop"),
+        optional_column("Utc", "s", "utc_s"),
     ),
     PositionSample,
 )
@@ -108,14 +119,14 @@ FEEDBACK: Final = Row(
     144,
     "RFB",
     (
-        real("T", "s", "t_s"),
-        maybe("Shaft", "r", "shaft_rad"),
-        maybe("Temp", "O", "temperature_c"),
-        maybe("Volt", "v", "voltage_v"),
-        maybe("Curr", "A", "current_a"),
-        whole("Err", "I", "hardware_error"),
-        maybe_flag("Torq", "torque_on"),
-        whole("Rst", "I", "restarts"),
+        float_column("T", "s", "t_s"),
+        optional_column("Shaft", "r", "shaft_rad"),
+        optional_column("Temp", "O", "temperature_c"),
+        optional_column("Volt", "v", "voltage_v"),
+        optional_column("Curr", "A", "current_a"),
+        integer_column("Err", "I", "hardware_error"),
+        optional_flag_column("Torq", "torque_on"),
+        integer_column("Rst", "I", "restarts"),
     ),
     RudderFeedback,
 )
@@ -123,31 +134,36 @@ DEVICE: Final = Row(
     145,
     "DEV",
     (
-        choice("I", "role", DeviceRole, "#"),
-        real("T", "s", "t_s"),
-        choice("State", "state", DeviceState),
-        whole("Good", "Q", "accepted"),
-        whole("Bad", "Q", "rejected"),
+        enum_column("I", "role", DeviceRole, "#"),
+        float_column("T", "s", "t_s"),
+        enum_column("State", "state", DeviceState),
+        integer_column("Good", "Q", "accepted"),
+        integer_column("Bad", "Q", "rejected"),
     ),
     DeviceHealth,
     text=True,
 )
 REQUEST: Final = Row(
-    146, "REQ", (whole("Sys", "B", "system"), whole("Comp", "B", "component")), _request, text=True, noted=True
+    146,
+    "REQ",
+    (integer_column("Sys", "B", "system"), integer_column("Comp", "B", "component")),
+    _decode_request,
+    text=True,
+    has_notes=True,
 )
 CONTROL: Final = Row(
     147,
     "CTL",
     (
-        real("Shaft", "r", "command.shaft_rad"),
-        flag("Torq", "command.torque_on"),
-        whole("Mode", "B", "snapshot.mode"),
-        flag("Arm", "snapshot.armed"),
-        whole("Flt", "I", "snapshot.faults"),
-        real("RudC", "r", "snapshot.rudder_command_rad"),
-        maybe("Rud", "r", "snapshot.rudder_rad"),
-        flag("RudOk", "snapshot.rudder_ok"),
-        whole("Skips", "Q", "snapshot.skipped_total"),
+        float_column("Shaft", "r", "command.shaft_rad"),
+        flag_column("Torq", "command.torque_on"),
+        integer_column("Mode", "B", "snapshot.mode"),
+        flag_column("Arm", "snapshot.armed"),
+        integer_column("Flt", "I", "snapshot.faults"),
+        float_column("RudC", "r", "snapshot.rudder_command_rad"),
+        optional_column("Rud", "r", "snapshot.rudder_rad"),
+        flag_column("RudOk", "snapshot.rudder_ok"),
+        integer_column("Skips", "Q", "snapshot.skipped_total"),
     ),
     RudderCommand,
 )
@@ -155,14 +171,14 @@ POWER: Final = Row(
     157,  # 156 differs from TICK in one bit only
     "PWR",
     (
-        whole("I", "B", "source", "#"),
-        real("T", "s", "t_s"),
-        maybe("Volt", "v", "voltage_v"),
-        maybe("Curr", "A", "current_a"),
-        maybe("SoC", "-", "charge"),
-        maybe("Sun", "W", "solar_w"),
-        maybe("Load", "A", "load_a"),
-        maybe("Temp", "O", "temperature_c"),
+        integer_column("I", "B", "source", "#"),
+        float_column("T", "s", "t_s"),
+        optional_column("Volt", "v", "voltage_v"),
+        optional_column("Curr", "A", "current_a"),
+        optional_column("SoC", "-", "charge"),
+        optional_column("Sun", "W", "solar_w"),
+        optional_column("Load", "A", "load_a"),
+        optional_column("Temp", "O", "temperature_c"),
     ),
     PowerSample,
 )
@@ -170,29 +186,34 @@ VESSEL: Final = Row(
     164,
     "AIS",
     (
-        real("T", "s", "t_s"),
-        whole("Mmsi", "I", "mmsi", "#"),
-        choice("Kind", "kind", VesselKind),
-        real("LatR", "r", "latitude_rad"),
-        real("LngR", "r", "longitude_rad"),
-        maybe("Sog", "n", "speed_m_s"),
-        maybe("Cog", "r", "course_rad"),
-        maybe("Hdg", "r", "heading_rad"),
-        maybe("Turn", "E", "turn_rad_s"),
-        whole("Stat", "B", "status"),
-        flag("Acc", "accurate"),
+        float_column("T", "s", "t_s"),
+        integer_column("Mmsi", "I", "mmsi", "#"),
+        enum_column("Kind", "kind", VesselKind),
+        float_column("LatR", "r", "latitude_rad"),
+        float_column("LngR", "r", "longitude_rad"),
+        optional_column("Sog", "n", "speed_m_s"),
+        optional_column("Cog", "r", "course_rad"),
+        optional_column("Hdg", "r", "heading_rad"),
+        optional_column("Turn", "E", "turn_rad_s"),
+        integer_column("Stat", "B", "status"),
+        flag_column("Acc", "accurate"),
     ),
     VesselPosition,
 )
 IDENTITY: Final = Row(
-    165, "SHIP", (real("T", "s", "t_s"), whole("Mmsi", "I", "mmsi", "#")), _identity, text=True, noted=True
+    165,
+    "SHIP",
+    (float_column("T", "s", "t_s"), integer_column("Mmsi", "I", "mmsi", "#")),
+    _decode_identity,
+    text=True,
+    has_notes=True,
 )
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
 
 # The rows that a reader converts to records, by message name.
-READ: Final[Mapping[str, Row]] = {
+READ_ROWS: Final[Mapping[str, Row]] = {
     row.type.name: row
     for row in (
         TICK,
@@ -209,20 +230,20 @@ READ: Final[Mapping[str, Row]] = {
     )
 }
 TYPES: Final = (
-    *(row.type for row in READ.values()),
+    *(row.type for row in READ_ROWS.values()),
     *derived_records.TYPES,
     DROP,
     END,
 )
 
 
-def inputs_bytes(inputs: Inputs) -> bytes:
-    """Return the messages of all inputs but the tick; raises struct.error or ValueError for unfit values."""
+def encode_inputs(inputs: Inputs) -> bytes:
+    """Return the messages of all inputs but the tick; raises struct.error or ValueError for values out of range."""
     parts = [HEADING.pack(sample.t_s, sample) for sample in inputs.headings]
     parts += [POSITION.pack(sample.t_s, sample) for sample in inputs.positions]
     parts += [FEEDBACK.pack(sample.t_s, sample) for sample in inputs.rudder]
     parts += [DEVICE.pack_text(health.t_s, health, health.text) for health in inputs.devices]
-    parts += [REQUEST.pack_text(one.t_s, one, request_text(one)) for one in inputs.requests]
+    parts += [REQUEST.pack_text(request.t_s, request, encode_request(request)) for request in inputs.requests]
     parts += [POWER.pack(sample.t_s, sample) for sample in inputs.power]
     for report in inputs.vessels:
         if isinstance(report, VesselPosition):
@@ -232,12 +253,12 @@ def inputs_bytes(inputs: Inputs) -> bytes:
     return b"".join(parts)
 
 
-def output_bytes(output: Output) -> bytes:
+def encode_output(output: Output) -> bytes:
     """Return the messages of a command and its snapshot."""
-    return CONTROL.pack(output.snapshot.t_s, output) + derived_records.snapshot_bytes(output.snapshot)
+    return CONTROL.pack(output.snapshot.t_s, output) + derived_records.encode_snapshot(output.snapshot)
 
 
-def end_bytes(batch: bytes, t_s: float, sequence: int) -> bytes:
-    """Return the records of a tick with END: its number and the checksum over all records."""
+def append_end(batch: bytes, t_s: float, sequence: int) -> bytes:
+    """Append END to the records of a tick: sequence number and checksum over all records."""
     data = batch + END.pack(microseconds(t_s), sequence, 0)[:-CRC_BYTES]
     return data + zlib.crc32(data).to_bytes(CRC_BYTES, "little")

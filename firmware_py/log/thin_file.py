@@ -1,4 +1,4 @@
-"""Writes the thin log: rows stay queued until they are on disk, and each start continues the newest file."""
+"""Writes the thin log. Rows stay queued until they are on disk; each start of the program continues the newest file."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from typing import Final
 
 from firmware_py.files.reading import open_regular
 from firmware_py.files.writing import DIRECTORY_MODE
-from firmware_py.log.dataflash import whole_bytes
+from firmware_py.log.dataflash import size_of_whole_records
 from firmware_py.log.disk import THIN, LocalDisk, log_files
 
-FILE_BYTES: Final = 1 << 20  # about five days; a closed file is compressed
-ROOM_BYTES: Final = 100_000_000  # more than a year
-MAX_QUEUED_TICKS: Final = 4096  # ticks with rows: more than two days without a disk
+MAX_FILE_BYTES: Final = 1 << 20  # about five days; a closed file is compressed
+MAX_TOTAL_BYTES: Final = 100_000_000  # more than a year
+MAX_QUEUED_TICKS: Final = 4096  # more than two days without a disk
 
 
 class ThinFile:
-    """Appends rows to the newest thin log on the writer's thread; after an error it retries."""
+    """Appends rows to the newest thin log.
 
-    def __init__(self, logs: Path, head: bytes) -> None:
-        """Write below the log directory; `head` is the start of each file."""
+    `put` is called on the loop's thread, the other methods on the writer's thread. `lost` is the number of dropped
+    ticks, `failure` the text of the last error, empty after a success.
+    """
+
+    def __init__(self, logs: Path, file_head: bytes) -> None:
+        """Store the log directory and the bytes with which each file starts."""
         self._directory = logs / THIN
-        self._head = head
-        self._waiting: deque[bytes] = deque()
+        self._file_head = file_head
+        self._queue: deque[bytes] = deque()
         self._disk = LocalDisk()
         self._descriptor = -1
         self._size = 0
@@ -33,20 +37,20 @@ class ThinFile:
         self.failure = ""
 
     def put(self, rows: bytes) -> None:
-        """Queue the rows of a tick on the loop's thread; beyond MAX_QUEUED_TICKS they are dropped and counted."""
-        if len(self._waiting) < MAX_QUEUED_TICKS:
-            self._waiting.append(rows)
+        """Queue the rows of a tick; drop and count them if MAX_QUEUED_TICKS are queued."""
+        if len(self._queue) < MAX_QUEUED_TICKS:
+            self._queue.append(rows)
         else:
             self.lost += 1
 
     def drain(self) -> None:
-        """Write and sync the queued rows; store an error as text."""
-        if not self._waiting:
+        """Write and sync the queued rows. After an error they stay queued for the next call."""
+        if not self._queue:
             return
-        count = len(self._waiting)
-        data = b"".join(self._waiting[index] for index in range(count))
+        count = len(self._queue)
+        data = b"".join(self._queue[index] for index in range(count))
         try:
-            if self._descriptor >= 0 and self._size >= FILE_BYTES:
+            if self._descriptor >= 0 and self._size >= MAX_FILE_BYTES:
                 self.close()
             if self._descriptor < 0:
                 self._open()
@@ -56,7 +60,7 @@ class ThinFile:
             self.close()
             return
         for _ in range(count):
-            self._waiting.popleft()
+            self._queue.popleft()
         self.failure = ""
 
     def close(self) -> None:
@@ -67,33 +71,33 @@ class ThinFile:
         self._descriptor = -1
 
     def _open(self) -> None:
-        """Continue the newest file if this version wrote it and it is not full, otherwise create one.
+        """Continue the newest file if this version wrote it and it is not full, otherwise create a file.
 
-        A record truncated by a power cut is removed; joined with the next one it would form a wrong record.
+        A record truncated by a power cut is removed, because the parser would combine it with the next record.
         """
-        newest = self._newest()
+        newest = self._find_newest()
         if newest is not None:
-            self._descriptor = open_regular(newest, flags=os.O_RDWR | os.O_APPEND, follow=False)
-            content = os.pread(self._descriptor, FILE_BYTES, 0)
-            if len(content) < FILE_BYTES and content.startswith(self._head):
-                self._size = whole_bytes(content)
+            self._descriptor = open_regular(newest, flags=os.O_RDWR | os.O_APPEND, follow_symlinks=False)
+            content = os.pread(self._descriptor, MAX_FILE_BYTES, 0)
+            if len(content) < MAX_FILE_BYTES and content.startswith(self._file_head):
+                self._size = size_of_whole_records(content)
                 if self._size < len(content):
                     os.ftruncate(self._descriptor, self._size)
                 return
             self.close()
         with contextlib.suppress(FileExistsError):
             self._directory.parent.mkdir(DIRECTORY_MODE)
-        self._disk.prune(self._directory, ROOM_BYTES - FILE_BYTES)
+        self._disk.prune(self._directory, MAX_TOTAL_BYTES - MAX_FILE_BYTES)
         self._descriptor, path = self._disk.create(self._directory)
         self._size = 0
         try:
-            self._append(self._head)
+            self._append(self._file_head)
         except OSError:
             with contextlib.suppress(OSError):
                 self._disk.remove(path)  # otherwise each retry would leave a file
             raise
 
-    def _newest(self) -> Path | None:
+    def _find_newest(self) -> Path | None:
         files = log_files(self._directory) if self._directory.is_dir() else {}
         newest = files[max(files)] if files else None
         return newest if newest is not None and newest.suffix == ".BIN" else None

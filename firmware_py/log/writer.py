@@ -1,9 +1,9 @@
 """The background writer of the log: a bounded queue between the loop and the disk.
 
-The loop's thread appends to a deque and compares counters. Each counter has one writing thread, so neither thread
-waits: no lock is shared while the queue is less than half full. The writer's thread wakes every second and empties the
-queue; its write and fdatasync calls release the interpreter. A power cut loses at most that second and the ticks
-held by the recorder.
+The loop's thread appends to a deque and compares counters. Each counter is changed by one thread only, and the threads
+share no lock while the queue is less than half full, so the loop does not wait. The writer's thread wakes every
+`flush_s` and empties the queue; its write and fdatasync calls release the interpreter lock. A power cut loses at most
+the data of that interval and the ticks held by the recorder.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from typing import Final, NamedTuple
 from firmware_py.common.records import Progress
 from firmware_py.log.disk import Disk
 
-CHUNK_BYTES: Final = 1 << 18  # written at once: the maximum memory in addition to the queue
+CHUNK_BYTES: Final = 1 << 18  # written at once: limits the memory in addition to the queue
 CLOSE_WAIT_S: Final = 10.0
 
 
 class Batch(NamedTuple):
-    """The bytes of one tick; `opens_file`: they start a new file."""
+    """The bytes of one tick; with `opens_file` they start a new file."""
 
     data: bytes
     opens_file: bool
 
 
 class LogWriter:
-    """Appends batches to numbered files; after an error it needs a new file.
+    """Appends batches to numbered files; after an error it requests a new file.
 
-    `requested_files` is the number of files requested: one at the start and one after every error. Until a batch opens
-    a file, batches are lost and counted.
+    `requested_files` counts the requests: one at the start and one after every error. Until a batch opens a file,
+    batches are lost and counted in `lost`. `failure` is the text of the last error, empty after a success.
     """
 
     def __init__(
@@ -52,28 +52,28 @@ class LogWriter:
         turn: Callable[[int], None] = lambda _written_bytes: None,
         finish: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write into a directory; beyond `room_bytes` the oldest files are removed.
+        """Write into a directory; before a new file, the oldest are removed until the rest has at most `room_bytes`.
 
-        No file is created while less than `min_free_bytes` are free. With `wait_for_disk` the loop waits until the
-        first batch is on disk, and for space in the queue; this is for simulated time. `turn` is called with the
-        number of bytes written since the last call, on the writer's thread every `flush_s`, or without a thread
-        whenever the queue is half full. `finish` is called at the end. Neither may raise.
+        No file is created while less than `min_free_bytes` are free. With `wait_for_disk`, for simulated time, the loop
+        waits until the first batch is on disk, and for space in the queue. `turn` is called with the number of bytes
+        written since the last call: on the writer's thread every `flush_s`, or without a thread whenever the queue is
+        half full. `finish` is called at the end. Neither may raise.
         """
         self._directory = directory
         self._disk = disk
         self._room_bytes = room_bytes
         self._min_free_bytes = min_free_bytes
-        self._turn = turn
-        self._finish_turns = finish
+        self._turn_callback = turn
+        self._finish_callback = finish
         self._queue_batches = queue_batches
         self._queue_bytes = queue_bytes
         self._flush_s = flush_s
         self._queue: deque[Batch] = deque()
-        self._put_bytes = 0  # changed by the loop's thread only
-        self._taken_bytes = 0  # this and all following: changed by the writer's thread only
+        self._queued_total_bytes = 0  # changed by the loop's thread only
+        self._taken_total_bytes = 0  # changed by the writer's thread only, as all following
         self._file: tuple[int, Path] | None = None
-        self._file_batches = 0
-        self._unsynced = 0
+        self._batches_in_file = 0
+        self._unsynced_batches = 0
         self.requested_files = 1
         self._turns = 0
         self.lost = 0
@@ -85,23 +85,24 @@ class LogWriter:
         self._wake, self._turned = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
-    # ------------------------------------------------------------- the loop's side
+    # ------------------------------------------------------ called on the loop's thread
 
     def full(self) -> bool:
-        """Whether the next batch must be dropped."""
-        waiting_bytes = self._put_bytes - self._taken_bytes
-        return len(self._queue) >= self._queue_batches or waiting_bytes >= self._queue_bytes
+        """Return whether the queue is full, so that the next batch must be dropped."""
+        queued_bytes = self._queued_total_bytes - self._taken_total_bytes
+        return len(self._queue) >= self._queue_batches or queued_bytes >= self._queue_bytes
 
     def put(self, data: bytes, *, opens_file: bool) -> None:
         """Queue a batch of any size; the caller checks `full` first."""
         self._queue.append(Batch(data, opens_file))
-        self._put_bytes += len(data)
-        busy = (
-            2 * len(self._queue) > self._queue_batches or 2 * (self._put_bytes - self._taken_bytes) > self._queue_bytes
+        self._queued_total_bytes += len(data)
+        is_half_full = (
+            2 * len(self._queue) > self._queue_batches
+            or 2 * (self._queued_total_bytes - self._taken_total_bytes) > self._queue_bytes
         )
-        if busy and self._thread is None:
+        if is_half_full and self._thread is None:
             self.work()
-        elif busy and not self._wake.is_set():
+        elif is_half_full and not self._wake.is_set():
             self._wake.set()
         if self._wait_for_disk and (thread := self._thread) is not None:
             while thread.is_alive() and (self.full() or not (self.has_written or self.failure)):
@@ -116,18 +117,18 @@ class LogWriter:
         self._thread.start()
 
     def alive(self) -> bool:
-        """Whether the thread is running, if there should be one."""
+        """Return whether the thread is running; True if none has been started or the writer is closing."""
         return self._thread is None or self._closing or self._thread.is_alive()
 
     def progress(self) -> tuple[Progress, ...]:
-        """Return the turns of the thread, one per `flush_s`; empty without a thread."""
+        """Return the number of turns of the thread, which increases every `flush_s`; empty without a thread."""
         thread = self._thread
         if thread is None or self._closing:
             return ()
         return (Progress("log", True, self._turns, alive=thread.is_alive(), thread=thread.native_id),)
 
     def close(self) -> None:
-        """Write the queue and close the file; a hanging disk is abandoned after CLOSE_WAIT_S."""
+        """Write the queue and close the file; give up after CLOSE_WAIT_S if the disk blocks."""
         self._closing = True
         if self._thread is None:
             self._finish()
@@ -135,7 +136,7 @@ class LogWriter:
             self._wake.set()
             self._thread.join(CLOSE_WAIT_S)
 
-    # ----------------------------------------------------------- the writer's side
+    # ---------------------------------------------------- called on the writer's thread
 
     def _run(self) -> None:
         while not self._closing:
@@ -145,31 +146,31 @@ class LogWriter:
         self._finish()
 
     def work(self) -> None:
-        """Do a turn: write the queue, then call `turn`."""
-        before = self._taken_bytes
+        """Write the queue, then call `turn`."""
+        taken_before_bytes = self._taken_total_bytes
         self.drain()
-        self._turn(self._taken_bytes - before)
+        self._turn_callback(self._taken_total_bytes - taken_before_bytes)
         self._turns += 1
         self._turned.set()
 
     def _finish(self) -> None:
         self.drain()
-        self._finish_turns()
-        self._end_file()
+        self._finish_callback()
+        self._close_file()
 
     def drain(self) -> None:
-        """Write and sync the queue; errors are counted, not raised."""
+        """Write and sync the queue; errors are stored and counted, not raised."""
         chunk: list[bytes] = []
         chunk_bytes = 0
         for _ in range(len(self._queue)):
             batch = self._queue.popleft()
-            self._taken_bytes += len(batch.data)
+            self._taken_total_bytes += len(batch.data)
             if batch.opens_file or chunk_bytes >= CHUNK_BYTES:
                 self._write(chunk)
                 chunk, chunk_bytes = [], 0
             if batch.opens_file:
-                self._end_file()
-                self._begin_file()
+                self._close_file()
+                self._open_file()
             chunk.append(batch.data)
             chunk_bytes += len(batch.data)
         self._write(chunk)
@@ -180,7 +181,7 @@ class LogWriter:
         with contextlib.suppress(OSError):
             self.low_space = self._disk.free_bytes(self._directory) < self._min_free_bytes
 
-    def _begin_file(self) -> None:
+    def _open_file(self) -> None:
         try:
             self._disk.prune(self._directory, self._room_bytes)
             if self._disk.free_bytes(self._directory) < self._min_free_bytes:
@@ -188,7 +189,7 @@ class LogWriter:
             self._file = self._disk.create(self._directory)
         except OSError as error:
             self._fail(error)
-        self._file_batches = 0
+        self._batches_in_file = 0
 
     def _write(self, chunk: list[bytes]) -> None:
         if not chunk:
@@ -202,29 +203,29 @@ class LogWriter:
             while written < len(data):
                 written += self._disk.write(self._file[0], data[written:])
         except OSError as error:
-            whole = _whole_batches(chunk, written)
-            self._file_batches += whole
-            self.lost += len(chunk) - whole
+            written_batches = _count_whole_batches(chunk, written)
+            self._batches_in_file += written_batches
+            self.lost += len(chunk) - written_batches
             self._fail(error)
             return
-        self._file_batches += len(chunk)
-        self._unsynced += len(chunk)
+        self._batches_in_file += len(chunk)
+        self._unsynced_batches += len(chunk)
 
     def _sync(self) -> None:
-        if self._file is None or self._unsynced == 0:
+        if self._file is None or self._unsynced_batches == 0:
             return
         try:
             self._disk.sync(self._file[0])
         except OSError as error:
-            self.lost += self._unsynced
-            self._file_batches -= self._unsynced
+            self.lost += self._unsynced_batches
+            self._batches_in_file -= self._unsynced_batches
             self._fail(error)
             return
-        self._unsynced = 0
+        self._unsynced_batches = 0
         self.has_written = True
         self.failure = ""
 
-    def _end_file(self) -> None:
+    def _close_file(self) -> None:
         self._sync()
         if self._file is not None:
             with contextlib.suppress(OSError):
@@ -232,22 +233,22 @@ class LogWriter:
             self._file = None
 
     def _fail(self, error: OSError) -> None:
-        """Close the file and request a new one; remove a file without a complete tick."""
+        """Close the file and request a new one; remove the file if it contains no complete tick."""
         self.failure = f"log: {error.strerror or error}"
-        self._unsynced = 0
+        self._unsynced_batches = 0
         if self._file is not None:
             descriptor, path = self._file
             self._file = None
             with contextlib.suppress(OSError):
                 self._disk.close(descriptor)
-            if self._file_batches == 0:
+            if self._batches_in_file == 0:
                 with contextlib.suppress(OSError):
                     self._disk.remove(path)
         self.requested_files += 1
 
 
-def _whole_batches(chunk: list[bytes], written: int) -> int:
-    """Count the batches that lie within the first bytes written."""
+def _count_whole_batches(chunk: list[bytes], written: int) -> int:
+    """Return the number of batches that are completely within the first `written` bytes."""
     count = 0
     for data in chunk:
         written -= len(data)

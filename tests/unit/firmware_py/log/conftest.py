@@ -1,4 +1,4 @@
-"""A pretend autopilot, small but with a memory, whose run is logged and replayed."""
+"""A small fake autopilot with a state, whose run is logged and replayed."""
 
 import math
 import types
@@ -32,14 +32,14 @@ from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPositio
 from firmware_py.log.recorder import LogRecorder
 
 
-class PretendState(msgspec.Struct, frozen=True):
+class FakeState(msgspec.Struct, frozen=True):
     smoothed_rad: float = 0.0
     goal_rad: float | None = None
     armed: bool = False
 
 
 def restore(text):
-    return record_codec.from_text(PretendState, text, 1)
+    return record_codec.from_text(FakeState, text, 1)
 
 
 def step(state, inputs):
@@ -80,11 +80,11 @@ def step(state, inputs):
         late_s=tick.late_s,
     )
     events = (Event(Severity.NOTICE, "goal"),) if len(inputs.requests) > 1 else ()
-    return PretendState(smoothed_rad, goal_rad, armed), Output(command, snapshot, events)
+    return FakeState(smoothed_rad, goal_rad, armed), Output(command, snapshot, events)
 
 
 def inputs_of(index, rate_hz=2.0):
-    """Inputs of a tick of the pretend run: everything comes by, nothing repeats; so slow, none is held by the log."""
+    """Return inputs that contain every kind of record; up to 2 Hz the recorder holds no tick."""
     t_s = 12.3 + index * 0.1
     requests = {
         1: (
@@ -118,52 +118,45 @@ def inputs_of(index, rate_hz=2.0):
     )
 
 
-def sail(recorder, indexes, state=None, *, after=None, rate_hz=2.0):
-    """Step through ticks and offer each to the recorder; returns the state at the end and the inputs."""
-    state = PretendState() if state is None else state
-    sailed = []
+def run_ticks(recorder, indexes, state=None, *, after=None, rate_hz=2.0):
+    """Offer ticks to the recorder; return the state at the end and all inputs with outputs."""
+    state = FakeState() if state is None else state
+    run = []
     for index in indexes:
         inputs = inputs_of(index, rate_hz)
         after_state, output = step(state, inputs)
         recorder.offer(inputs, output, lambda state=state: record_codec.to_text(state, 1))
-        sailed.append((inputs, output))
+        run.append((inputs, output))
         state = after_state
         if after is not None:
             after()
-    return state, sailed
+    return state, run
 
 
-def recorder_in(directory, **options):
-    settings = {
-        "parameters": ParameterSet(),
-        "file_bytes": 1 << 20,
-        "max_total_bytes": 1 << 30,
-        "utc_s": 1.7e9,
-        "software": "Rambler test",
-        "background": False,
-    }
-    return LogRecorder(directory, **(settings | options))
+def make_recorder(directory, **options):
+    settings = {"file_bytes": 1 << 20, "max_total_bytes": 1 << 30, "utc_s": 1.7e9, "software": "Rambler test"}
+    return LogRecorder(directory, **({"parameters": ParameterSet(), "background": False} | settings | options))
 
 
-def logged(directory, count=6):
-    """The bytes of a log of the pretend run."""
-    recorder = recorder_in(directory)
-    sail(recorder, range(count))
+def write_log(directory, count=6):
+    """Log a run and return the bytes of the file."""
+    recorder = make_recorder(directory)
+    run_ticks(recorder, range(count))
     recorder.close()
     return (directory / "00000001.BIN").read_bytes()
 
 
 @pytest.fixture
-def pretend():
-    """The pretend autopilot."""
+def fake():
+    """Return the functions of this file."""
     return types.SimpleNamespace(
-        State=PretendState,
+        State=FakeState,
         step=step,
         restore=restore,
         state_from=lambda text: restore(text)[0],
         to_text=lambda state: record_codec.to_text(state, 1),
         inputs_of=inputs_of,
-        sail=sail,
-        recorder_in=recorder_in,
-        logged=logged,
+        run_ticks=run_ticks,
+        make_recorder=make_recorder,
+        write_log=write_log,
     )

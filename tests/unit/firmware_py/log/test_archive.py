@@ -1,4 +1,4 @@
-"""Compression of closed logs: whatever call of the system fails, the log is there, whole, by one name or the other."""
+"""Compression of closed logs: after any failed call, the complete log exists, compressed or not."""
 
 import contextlib
 import errno
@@ -11,10 +11,10 @@ import pytest
 
 from firmware_py.files.packed import BLOCK_BYTES, open_log, packed_path
 from firmware_py.log.archive import Span, Spans, archive_log
-from firmware_py.log.disk import log_files, part_path
+from firmware_py.log.disk import log_files, partial_path
 from support.faulty_disk import CALLS, CUTS, KINDS, FaultyDisk
 
-CONTENT = b"".join(b"heading %d, " % (number * number) for number in range(12_000))  # three blocks and a bit
+CONTENT = b"".join(b"heading %d, " % (number * number) for number in range(12_000))  # more than three blocks
 SHORT = CONTENT[:13_000]
 MODIFIED_S = 1_800_000_000
 assert 3 * BLOCK_BYTES < len(CONTENT) < 4 * BLOCK_BYTES
@@ -28,8 +28,8 @@ def log(tmp_path):
     return path
 
 
-def content_of(directory):
-    """What a reader finds of the only log."""
+def read_content(directory):
+    """Return the uncompressed content of the only log."""
     (path,) = log_files(directory).values()
     file = open_log(path)
     try:
@@ -43,7 +43,7 @@ def names(directory):
 
 
 def finish(path):
-    """Compress in as many tries as the disk needs, which fails no more."""
+    """Compress a log in up to three attempts."""
     for _ in range(3):
         if not path.exists() or path.suffix != ".BIN":
             return
@@ -51,9 +51,9 @@ def finish(path):
             pass
 
 
-def test_a_log_is_replaced_by_one_that_gzip_reads(log):
+def test_a_log_is_replaced_by_an_archive_that_gzip_reads(log):
     for _ in archive_log(log):
-        assert content_of(log.parent) == CONTENT  # at every step
+        assert read_content(log.parent) == CONTENT  # at every step
     assert names(log.parent) == ["00000001.BIN.gz"]
     assert gzip.decompress(packed_path(log).read_bytes()) == CONTENT
     assert packed_path(log).stat().st_mtime == MODIFIED_S
@@ -68,13 +68,13 @@ def test_memory_does_not_depend_on_the_length_of_the_log(log):
         _, max_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert max_bytes < 8 * BLOCK_BYTES  # the packer's own state is four
+    assert max_bytes < 8 * BLOCK_BYTES  # of which zlib uses four
 
 
 def test_an_empty_log_is_archived(log):
     log.write_bytes(b"")
     finish(log)
-    assert content_of(log.parent) == b""
+    assert read_content(log.parent) == b""
 
 
 @pytest.mark.parametrize("steps", range(6))
@@ -82,25 +82,25 @@ def test_archiving_continues_after_a_kill(log, steps):
     job = archive_log(log)
     for _ in range(steps):
         next(job)
-    job.close()  # the descriptors; the files are as a kill leaves them
-    done = part_path(packed_path(log)).read_bytes()[: 1 << 16] if steps else b""
-    written = []
-    real = os.pwrite
+    job.close()  # closes the descriptors and leaves the files as a kill does
+    partial = partial_path(packed_path(log)).read_bytes()[: 1 << 16] if steps else b""
+    offsets = []
+    pwrite = os.pwrite
 
-    def count(descriptor, data, offset):
-        written.append(offset)
-        return real(descriptor, data, offset)
+    def record_offset(descriptor, data, offset):
+        offsets.append(offset)
+        return pwrite(descriptor, data, offset)
 
     with pytest.MonkeyPatch.context() as patches:
-        patches.setattr(os, "pwrite", count)
+        patches.setattr(os, "pwrite", record_offset)
         finish(log)
-    assert content_of(log.parent) == CONTENT
-    assert packed_path(log).read_bytes().startswith(done)
-    # The whole blocks of before are not written again; the last is shorter and is, with the index.
-    assert len(written) == 5 - min(steps, 3)
+    assert read_content(log.parent) == CONTENT
+    assert packed_path(log).read_bytes().startswith(partial)
+    # Whole blocks are not written again; the last, shorter block and the index are.
+    assert len(offsets) == 5 - min(steps, 3)
 
 
-def test_a_part_of_another_log_is_discarded(log):
+def test_a_partial_archive_of_another_log_is_discarded(log):
     other = CONTENT[::-1]
     log.write_bytes(other)
     job = archive_log(log)
@@ -111,13 +111,13 @@ def test_a_part_of_another_log_is_discarded(log):
         finish(log)
     assert log.read_bytes() == CONTENT
     finish(log)
-    assert content_of(log.parent) == CONTENT
+    assert read_content(log.parent) == CONTENT
 
 
-def test_before_the_last_step_both_files_exist_and_one_is_listed(log):
-    copy = log.read_bytes()
+def test_while_both_files_exist_only_the_log_is_listed(log):
+    content = log.read_bytes()
     finish(log)
-    log.write_bytes(copy)
+    log.write_bytes(content)
     assert log_files(log.parent) == {1: log}
     finish(log)
     assert names(log.parent) == ["00000001.BIN.gz"]
@@ -145,25 +145,26 @@ def test_a_log_erased_during_archiving_leaves_no_archive(log):
 
 
 def test_a_full_disk_leaves_the_log(log, monkeypatch):
-    def full(_descriptor, _data, _offset):
+    def fail(_descriptor, _data, _offset):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patches:
-        patches.setattr(os, "pwrite", full)
+        patches.setattr(os, "pwrite", fail)
         with pytest.raises(OSError, match="No space"):
             finish(log)
     assert log.read_bytes() == CONTENT
     finish(log)
-    assert content_of(log.parent) == CONTENT
+    assert read_content(log.parent) == CONTENT
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_error_of_any_call_loses_nothing(tmp_path, kind, monkeypatch):
-    """Each call of the system in turn, once; the disk as it is then, and as a power cut leaves it."""
-    for room in ("files.packed", "log.archive"):
-        monkeypatch.setattr(f"firmware_py.{room}.BLOCK_BYTES", 4096)
-    number, failed = 0, set()
-    while True:
+def test_an_error_of_any_call_loses_no_data(tmp_path, kind, monkeypatch):
+    """Each call fails once; checked are the disk after the error and after a power cut."""
+    for module in ("files.packed", "log.archive"):
+        monkeypatch.setattr(f"firmware_py.{module}.BLOCK_BYTES", 4096)
+    number, failed, was_reached = -1, set(), True
+    while was_reached:
+        number += 1
         directory = tmp_path / f"{kind}{number}"
         directory.mkdir()
         log = directory / "00000001.BIN"
@@ -179,18 +180,15 @@ def test_an_error_of_any_call_loses_nothing(tmp_path, kind, monkeypatch):
             disk.arm(None)
             for cut in CUTS:
                 disk.cut(tmp_path / f"{kind}{number}{cut}", cut)
-        for after in (directory, *(tmp_path / f"{kind}{number}{cut}" for cut in CUTS)):
-            assert content_of(after) == SHORT
-            (left,) = log_files(after).values()
-            for _ in range(2):  # a part that the cut has spoiled costs one try
+        for state_directory in (directory, *(tmp_path / f"{kind}{number}{cut}" for cut in CUTS)):
+            assert read_content(state_directory) == SHORT
+            (remaining,) = log_files(state_directory).values()
+            for _ in range(2):  # the first attempt removes a partial archive that the power cut damaged
                 with contextlib.suppress(OSError):
-                    finish(left)
-            assert content_of(after) == SHORT
-            assert names(after) == ["00000001.BIN.gz"]
-            shutil.rmtree(after)
-        if not was_reached:
-            break
-        number += 1
+                    finish(remaining)
+            assert read_content(state_directory) == SHORT
+            assert names(state_directory) == ["00000001.BIN.gz"]
+            shutil.rmtree(state_directory)
     assert {"open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "close"} - failed == set()
     assert set(CALLS) >= failed
 
@@ -202,11 +200,11 @@ def test_spans_are_read_as_one_file(tmp_path):
     spans = Spans(
         (Span(descriptor, 10, 20), Span(descriptor, 50, 50), Span(descriptor, 0, 5), Span(descriptor, 90, 100))
     )
-    whole = bytes((*range(10, 20), *range(5), *range(90, 100)))
-    assert spans.size == len(whole)
-    for begin in range(len(whole) + 2):
-        for count in range(len(whole) + 3):
-            assert spans.read(begin, count) == whole[begin : begin + count]
+    expected = bytes((*range(10, 20), *range(5), *range(90, 100)))
+    assert spans.size == len(expected)
+    for begin in range(len(expected) + 2):
+        for count in range(len(expected) + 3):
+            assert spans.read(begin, count) == expected[begin : begin + count]
     os.truncate(path, 95)
     with pytest.raises(OSError, match="shorter"):
         spans.read(0, 100)

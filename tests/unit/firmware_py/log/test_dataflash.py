@@ -10,40 +10,41 @@ from firmware_py.log.dataflash import (
     UNITS,
     MessageType,
     Parser,
+    decode_text,
     header,
-    text_of,
 )
 
 ONE = MessageType(200, "ONE", "TimeUS,A,B", "Qbd", "s-r", "F-0")
 TWO = MessageType(201, "TWO", "TimeUS,T", "QZ", "s-", "F-")
 HEAD = header((ONE, TWO), 1000)
 BODY = [ONE.pack(1, 2, 0.5), TWO.pack(2, b"hello"), ONE.pack(3, -4, -0.0)]
-
-
-def found_in(data):
-    parser = Parser(data)
-    values = [(found.name, found.unpack(data, at)) for found, at in parser]
-    return [one for one in values if one[0] in ("ONE", "TWO")], parser
-
-
 EXPECTED = [("ONE", (1, 2, 0.5)), ("TWO", (2, b"hello".ljust(64, b"\0"))), ("ONE", (3, -4, -0.0))]
+
+
+def parse(data):
+    """Return the records of the types ONE and TWO, the garbage bytes and the tail bytes."""
+    parser = Parser(data)
+    records = [(record.name, record.unpack(data, offset)) for record, offset in parser]
+    return [record for record in records if record[0] in ("ONE", "TWO")], parser.garbage_bytes, parser.tail_bytes
 
 
 def test_layout_is_the_published_one():
     assert ONE.pack(1, 2, 0.5) == b"\xa3\x95\xc8" + struct.pack("<Qbd", 1, 2, 0.5)
     assert FMT.size == FMT_BYTES
-    assert HEAD[:3] == b"\xa3\x95\x80"
-    assert HEAD[3:5] == bytes((128, 89))
+    assert HEAD[:5] == b"\xa3\x95\x80" + bytes((128, 89))
+    assert TWO.pack(1, b"x" * 100)[11:] == b"x" * TEXT_BYTES
 
 
 def test_header_describes_every_type_unit_and_multiplier():
     parser = Parser(HEAD)
-    records = [(found.name, dict(zip(found.labels, found.unpack(HEAD, at), strict=True))) for found, at in parser]
-    formats = {text_of(values["Name"]) for name, values in records if name == "FMT"}
+    records = [(row.name, dict(zip(row.labels, row.unpack(HEAD, offset), strict=True))) for row, offset in parser]
+    formats = {decode_text(values["Name"]) for name, values in records if name == "FMT"}
     assert formats == {"FMT", "UNIT", "MULT", "FMTU", "ONE", "TWO"}
-    assert {chr(values["Id"]): text_of(values["Label"]) for name, values in records if name == "UNIT"} == dict(UNITS)
+    assert {chr(values["Id"]): decode_text(values["Label"]) for name, values in records if name == "UNIT"} == dict(
+        UNITS
+    )
     assert {chr(values["Id"]): values["Mult"] for name, values in records if name == "MULT"} == dict(MULTIPLIERS)
-    units = {values["FmtType"]: text_of(values["UnitIds"]) for name, values in records if name == "FMTU"}
+    units = {values["FmtType"]: decode_text(values["UnitIds"]) for name, values in records if name == "FMTU"}
     assert units[200] == "s-r"
     assert parser.garbage_bytes == parser.tail_bytes == 0
 
@@ -67,61 +68,36 @@ def test_a_description_beyond_the_limits_is_refused(description):
         MessageType(*description)
 
 
-def test_records_come_in_order():
-    found, parser = found_in(HEAD + b"".join(BODY))
-    assert found == EXPECTED
-    assert parser.garbage_bytes == parser.tail_bytes == 0
-
-
 @pytest.mark.parametrize("junk", [b"\0" * 300, b"\xa3", b"\xa3\x95", b"\xa3\x95\xfe", b"\x95\xa3\xa3"])
-@pytest.mark.parametrize("place", [0, 1, 2])
-def test_garbage_between_records_is_skipped_and_counted(junk, place):
-    found, parser = found_in(HEAD + b"".join(BODY[:place]) + junk + b"".join(BODY[place:]))
-    assert found == EXPECTED
-    assert parser.garbage_bytes == len(junk)
-    assert parser.tail_bytes == 0
+@pytest.mark.parametrize("position", [0, 1, 2])
+def test_garbage_between_records_is_skipped_and_counted(junk, position):
+    data = HEAD + b"".join((*BODY[:position], junk, *BODY[position:]))
+    assert parse(data) == (EXPECTED, len(junk), 0)
 
 
-def test_garbage_behind_the_last_record_is_tail():
-    found, parser = found_in(HEAD + b"".join(BODY) + b"\0" * 300)
-    assert found == EXPECTED
-    assert (parser.garbage_bytes, parser.tail_bytes) == (0, 300)
+def test_garbage_after_the_last_record_is_the_tail():
+    assert parse(HEAD + b"".join(BODY)) == (EXPECTED, 0, 0)
+    assert parse(HEAD + b"".join(BODY) + b"\0" * 300) == (EXPECTED, 0, 300)
+    assert parse(b"") == ([], 0, 0)
 
 
-def test_a_head_without_its_record_costs_what_it_claims():
-    found, _ = found_in(HEAD + b"\xa3\x95\xc9" + b"".join(BODY))
-    assert found[-1] == EXPECTED[-1]
+def test_a_mark_without_its_record_may_lose_the_next_records_only():
+    records, _, _ = parse(HEAD + b"\xa3\x95\xc9" + b"".join(BODY))
+    assert records[-1] == EXPECTED[-1]
 
 
-def test_a_false_mark_within_garbage_swallows_nothing():
-    junk = b"\0\xa3\x95\xc9" + b"\0" * 10  # claims to be TWO, whose end falls into a record
-    found, parser = found_in(HEAD + junk + b"".join(BODY))
-    assert found == EXPECTED
-    assert parser.garbage_bytes == len(junk)
+def test_a_mark_within_garbage_loses_no_record():
+    junk = b"\0\xa3\x95\xc9" + b"\0" * 10  # looks like TWO, whose end would be within a record
+    assert parse(HEAD + junk + b"".join(BODY)) == (EXPECTED, len(junk), 0)
 
 
-def test_a_cut_record_is_tail():
-    whole = HEAD + b"".join(BODY)
+def test_a_truncated_record_is_the_tail():
     for cut in range(1, len(BODY[2])):
-        found, parser = found_in(whole[:-cut])
-        assert found == EXPECTED[:2]
-        assert parser.tail_bytes == len(BODY[2]) - cut
+        assert parse((HEAD + b"".join(BODY))[:-cut]) == (EXPECTED[:2], 0, len(BODY[2]) - cut)
 
 
-def test_types_of_other_programs_are_stepped_over():
-    odd = FMT.pack(77, 20, b"ODD", b"x?", b"A,B")  # unknown characters
-    short = FMT.pack(78, 2, b"BAD", b"", b"")  # shorter than its own head: cannot be
-    data = HEAD + odd + short + b"\xa3\x95\x4d" + b"\xa3\x95\xc8" + b"\0" * 14 + b"".join(BODY)
-    found, parser = found_in(data)
-    assert found == EXPECTED
-    assert parser.garbage_bytes == 0
-
-
-def test_an_empty_buffer_has_no_records():
-    parser = Parser(b"")
-    assert list(parser) == []
-    assert parser.tail_bytes == 0
-
-
-def test_text_column_holds_what_the_schema_says():
-    assert TWO.pack(1, b"x" * 100)[11:] == b"x" * TEXT_BYTES
+def test_types_of_other_programs_are_skipped():
+    unknown = FMT.pack(77, 20, b"ODD", b"x?", b"A,B")  # unknown value characters
+    invalid = FMT.pack(78, 2, b"BAD", b"", b"")  # shorter than the head of a record
+    record = b"\xa3\x95\x4d" + b"\xa3\x95\xc8" + b"\0" * 14
+    assert parse(HEAD + unknown + invalid + record + b"".join(BODY)) == (EXPECTED, 0, 0)

@@ -1,4 +1,4 @@
-"""Compressed logs of this and other programs are read, damaged ones without the damaged blocks."""
+"""Reading of compressed logs of this and other programs, also of damaged ones."""
 
 import errno
 import gzip
@@ -16,14 +16,17 @@ from firmware_py.log.disk import log_files
 from firmware_py.log.reader import LogReader
 from firmware_py.log.replay import replay_log
 
+NO_ROOM = "no room for temporary files to unpack it"
+
 
 @pytest.fixture
-def log(tmp_path, pretend):
-    pretend.logged(tmp_path, 60)
+def log(tmp_path, fake):
+    fake.write_log(tmp_path, 60)
     return tmp_path / "00000001.BIN"
 
 
-def packed(log):
+def archive(log):
+    """Compress a log; return the path of the archive and the ticks."""
     ticks = list(LogReader(log))
     assert [None for _ in archive_log(log)]
     (path,) = log_files(log.parent).values()
@@ -31,75 +34,62 @@ def packed(log):
     return path, ticks
 
 
-def test_it_is_read_and_replayed_by_either_name(log, pretend):
-    path, ticks = packed(log)
+def test_a_compressed_log_is_read_and_replayed_by_either_name(log, fake):
+    path, ticks = archive(log)
     assert not log.exists()
     assert list(LogReader(path)) == list(LogReader(log)) == ticks
-    assert replay_log(path, pretend.restore, pretend.step).identical
+    assert replay_log(path, fake.restore, fake.step).identical
 
 
-def test_one_of_gzip_is_read_too(log):
-    ticks = list(LogReader(log))
+def test_a_log_compressed_by_gzip_is_read(log):
     content = log.read_bytes()
     (log.parent / "a.BIN.gz").write_bytes(gzip.compress(content[:9000]) + gzip.compress(content[9000:]))
-    assert list(LogReader(log.parent / "a.BIN.gz")) == ticks
+    assert list(LogReader(log.parent / "a.BIN.gz")) == list(LogReader(log))
 
 
-@pytest.mark.parametrize("part", [0.0, 0.3, 0.9])
-def test_one_that_is_cut_or_damaged_is_read_up_to_there(log, part):
-    path, ticks = packed(log)
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.9])
+def test_a_truncated_archive_is_read_to_its_end(log, fraction):
+    path, all_ticks = archive(log)
     data = path.read_bytes()
-    path.write_bytes(data[: int(part * len(data))])
-    found = list(LogReader(path))
-    assert found == ticks[: len(found)]
-    assert len(found) < len(ticks)
-    path.write_bytes(data[: int(part * len(data))] + b"\x00" * 1000)
-    assert list(LogReader(path)) == found or part == 0.0
+    path.write_bytes(data[: int(fraction * len(data))])
+    ticks = list(LogReader(path))
+    assert ticks == all_ticks[: len(ticks)]
+    assert len(ticks) < len(all_ticks)
+    path.write_bytes(data[: int(fraction * len(data))] + b"\x00" * 1000)
+    assert list(LogReader(path)) == ticks or fraction == 0.0
 
 
 @pytest.mark.parametrize("chunk_bytes", [1000, 1 << 20])
-def test_a_damaged_block_is_skipped_and_reported(tmp_path, pretend, monkeypatch, chunk_bytes):
-    """A bit of a card, months old, and half of a log of 64 MB was not read."""
+def test_only_a_damaged_block_is_lost(tmp_path, fake, monkeypatch, chunk_bytes):
     monkeypatch.setattr(open_file, "_CHUNK_BYTES", chunk_bytes)
-    pretend.logged(tmp_path, 900)
-    path, ticks = packed(tmp_path / "00000001.BIN")
+    fake.write_log(tmp_path, 900)
+    path, all_ticks = archive(tmp_path / "00000001.BIN")
     data = bytearray(path.read_bytes())
     begins = [match.start() for match in re.finditer(re.escape(MEMBER_BEGIN), data)]
     assert len(begins) > 3
     data[(begins[1] + begins[2]) // 2] ^= 1
     path.write_bytes(data)
-    reader = LogReader(path)
-    found = list(reader)
-    assert (found[0], found[-1]) == (ticks[0], ticks[-1])
-    lost = len(ticks) - len(found)
-    assert 0 < lost < 2 * len(ticks) / len(begins)
-    assert any(tick.gap for tick in found)
+    ticks = list(LogReader(path))
+    assert (ticks[0], ticks[-1]) == (all_ticks[0], all_ticks[-1])
+    assert 0 < len(all_ticks) - len(ticks) < 2 * len(all_ticks) / len(begins)
+    assert any(tick.gap for tick in ticks)
 
 
 def test_an_oversized_log_is_rejected(log, monkeypatch):
-    path, _ = packed(log)
+    path, _ = archive(log)
     monkeypatch.setattr(open_file, "MAX_LOG_BYTES", path.stat().st_size + 1)
     with pytest.raises(LogError, match="unpacks to more than"):
         list(LogReader(path))
 
 
-def test_a_missing_log_is_an_error_with_a_remedy(tmp_path):
-    with pytest.raises(LogError, match=r"No such file or directory: give the path of a \.BIN or \.BIN\.gz file"):
-        list(LogReader(tmp_path / "00000007.BIN"))
+def test_missing_room_for_temporary_files_is_reported(log, monkeypatch):
+    def fail(**_options):
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
 
-
-NO_ROOM = "no room for temporary files to unpack it"
-
-
-def no_directory(*_words, **_more):
-    raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
-
-
-def test_a_full_disk_during_unpacking_is_reported(log, monkeypatch):
-    path, _ = packed(log)
-    monkeypatch.setattr(tempfile, "TemporaryFile", no_directory)
+    path, _ = archive(log)
+    monkeypatch.setattr(tempfile, "TemporaryFile", fail)
     with pytest.raises(LogError, match=NO_ROOM):
         list(LogReader(path))
-    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_more: full)
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_options: full)
     with Path("/dev/full").open("r+b", buffering=0) as full, pytest.raises(LogError, match=NO_ROOM):
         list(LogReader(path))

@@ -17,6 +17,8 @@ from firmware_py.common.vessels import VesselPosition
 from firmware_py.faults.table import Fault
 from firmware_py.log import ardupilot, schema, thin
 
+ALL_TYPES = (*schema.TYPES, *ardupilot.TYPES)
+
 
 @pytest.mark.parametrize(
     ("row", "record"),
@@ -31,45 +33,33 @@ from firmware_py.log import ardupilot, schema, thin
         (schema.CONTROL, RudderCommand),
     ],
 )
-def test_every_field_of_a_logged_record_has_its_column(row, record):
-    kept = {name for name, _ in row.fields} | ({"text"} if row.text else set())
-    assert kept == {field.name for field in msgspec.structs.fields(record)}
+def test_every_field_of_a_logged_record_has_a_column(row, record):
+    fields = {name for name, _ in row.fields} | ({"text"} if row.text else set())
+    assert fields == {field.name for field in msgspec.structs.fields(record)}
     assert row.make is record
 
 
-def test_every_kind_of_input_is_logged():
-    assert [field.name for field in msgspec.structs.fields(Inputs)] == [
-        "tick",
-        "headings",
-        "positions",
-        "rudder",
-        "devices",
-        "requests",
-        "power",
-        "vessels",
-    ]
+def test_inputs_have_only_fields_that_are_logged():
+    names = ["tick", "headings", "positions", "rudder", "devices", "requests", "power", "vessels"]
+    assert [field.name for field in msgspec.structs.fields(Inputs)] == names
 
 
-def test_numbers_and_names_are_distinct():
-    types = (*schema.TYPES, *ardupilot.TYPES)
-    assert len({one.number for one in types}) == len({one.name for one in types}) == len(types)
+def test_message_types_are_distinct_and_start_with_the_time():
+    assert len({kind.number for kind in ALL_TYPES}) == len({kind.name for kind in ALL_TYPES}) == len(ALL_TYPES)
+    for kind in ALL_TYPES:
+        assert kind.labels.startswith("TimeUS,")
+        assert (kind.values[0], kind.units[0], kind.multipliers[0]) == ("Q", "s", "F")
 
 
-def test_every_message_begins_with_the_time_of_the_tools():
-    for one in (*schema.TYPES, *ardupilot.TYPES):
-        assert one.labels.startswith("TimeUS,")
-        assert (one.values[0], one.units[0], one.multipliers[0]) == ("Q", "s", "F")
-
-
-def test_inputs_and_decisions_are_doubles():
+def test_inputs_and_commands_are_doubles():
     for row in (schema.TICK, schema.HEADING, schema.POSITION, schema.FEEDBACK, schema.DEVICE, schema.CONTROL):
         assert "f" not in row.type.values
 
 
-def test_the_checksum_covers_the_number_of_the_tick():
-    assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abc", 1.0, 2)[-4:]
-    assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abd", 1.0, 1)[-4:]
-    assert schema.END.values[-1] == "I"  # the checksum is the last, over all before it
+def test_the_checksum_covers_the_records_and_the_sequence_number():
+    checksums = {schema.append_end(*tick)[-4:] for tick in ((b"abc", 1.0, 1), (b"abc", 1.0, 2), (b"abd", 1.0, 1))}
+    assert len(checksums) == 3
+    assert schema.END.values[-1] == "I"  # the checksum is the last column
 
 
 FAULTS = """
@@ -80,8 +70,8 @@ FAULTS = """
 """
 
 
-def test_faults_of_logs_of_any_version_are_read_by_the_same_bits():
-    assert [fault.name for fault in Fault][: len(FAULTS.split())] == FAULTS.split()  # a new one goes to the end
+def test_fault_bits_are_those_of_earlier_versions_and_fit_their_column():
+    assert [fault.name for fault in Fault][: len(FAULTS.split())] == FAULTS.split()  # a new fault is the last
     for row in (schema.CONTROL, thin.SAILING):
         labels, values = row.type.labels.split(","), row.type.values
         assert struct.calcsize(f"<{values[labels.index('Flt')]}") * 8 >= len(Fault)
