@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
 from firmware_py.common.system_errors import system_error_text
-from firmware_py.files.standard_streams import keep_standard_streams
+from firmware_py.files.standard_streams import open_closed_streams
 
 # command -> (module, one line of help). Only the module of the command is imported: the autopilot does not load the
 # bench tools.
@@ -113,7 +113,7 @@ def _import_dialect() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; return 0 for success, 1 for a finding, 2 for wrong usage or configuration."""
-    keep_standard_streams()
+    open_closed_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     command_name = next((word for word in words if word in COMMANDS), None)
     if command_name != "run":

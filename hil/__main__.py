@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
 from firmware_py.common.system_errors import system_error_text
-from firmware_py.files.standard_streams import keep_standard_streams
+from firmware_py.files.standard_streams import open_closed_streams
 from hil.errors import HilError, UsageError
 
 # Command: module and one line of help. A module has add_arguments(parser) and run(arguments) -> exit code. It is
@@ -51,7 +51,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
-    keep_standard_streams()
+    open_closed_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):  # a path may contain characters that the terminal cannot encode
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":

@@ -12,7 +12,7 @@ from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, cali
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.system.network_line import TcpLine, UdpLine
-from firmware_py.system.port_users import port_users
+from firmware_py.system.port_users import find_port_users
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
@@ -121,7 +121,7 @@ def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
 
 def shared_port_warnings(lines: Sequence[Line]) -> Sequence[str]:
     """Return a warning for each port that is also open in another program."""
-    users = port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
+    users = find_port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
     return [f"Port {path}: also open in {names}; end that program" for path, names in users.items()]
 
 

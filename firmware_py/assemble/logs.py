@@ -11,7 +11,7 @@ from firmware_py.common.interfaces import Clock, Position
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.link.files.tree import FileRoot
-from firmware_py.log.disk import LocalDisk, last_written_s, log_files
+from firmware_py.log.disk import LocalDisk, log_files, newest_log_time_s
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.sensors.receiver_time import DatedPosition
 from firmware_py.system.clock import LockstepClock
@@ -63,4 +63,4 @@ def with_corrected_times(
     """Return a receiver whose times are corrected by clock and logs; None without a receiver."""
     if position is None:
         return None
-    return DatedPosition(position, clock.utc_s, last_written_s(directory / LOG_DIRECTORY), say)
+    return DatedPosition(position, clock.utc_s, newest_log_time_s(directory / LOG_DIRECTORY), say)

@@ -37,7 +37,7 @@ def report_status(
     opened: ExitStack,
 ) -> None:
     """Write the status after each tick; `opened` removes it at the end."""
-    trial = TrialWatch(find_program_link(sys.argv[0]), parts.store, parts.notices, console.ahead)
+    trial = TrialWatch(find_program_link(sys.argv[0]), parts.store, parts.notices, console.print_early)
     about = {
         "vehicle": vehicle.name,
         "state_directory": os.path.realpath(state_directory),
@@ -52,7 +52,7 @@ def report_status(
         faults=lambda: parts.autopilot.state.fault_latch,
         starts=lambda: int(parts.autopilot.state.parameters[BOOT_COUNT]),
         written=lambda: parts.store.written,
-        load=LoadMeter(parts.clock).share,
+        load=LoadMeter(parts.clock).fraction,
         utc_s=parts.clock.utc_s,
         machine_s=machine_s,
         swing=lambda: parts.autopilot.compass_swing.report,

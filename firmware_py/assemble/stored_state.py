@@ -20,7 +20,7 @@ from firmware_py.system.state_directory import (
     SIGNING_FILE,
     KeyVault,
     StateDirectory,
-    exposed_key_files,
+    find_exposed_key_files,
     report_damage,
 )
 from firmware_py.system.store import Store
@@ -92,7 +92,7 @@ def report_key_problem(directory: Path, stored: Stored, say: Callable[[str], Non
         say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link or by `rambler key`")
     elif stored.damage:
         say(f"{stored.damage}: {OTHER_SLOT}")
-    for name in exposed_key_files(directory):
+    for name in find_exposed_key_files(directory):
         say(f"{name} is readable by other users; set a new key if they may have read it")
 
 

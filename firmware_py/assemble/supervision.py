@@ -14,7 +14,7 @@ from firmware_py.system.endings import (
     CUT_OFF,
     ENDINGS_FILE,
     EXPECTED,
-    YOUNG_RUN_S,
+    SHORT_RUN_S,
     Ending,
     EndingRecorder,
     Endings,
@@ -50,7 +50,7 @@ class Supervision:
                 say(event.text)
         self._save_endings(replace(endings, running=True, is_young=True))
         self._recorder = EndingRecorder(runtime_directory(environment))
-        self._next_after_tick, self._stable_s = parts.after_tick, parts.clock.now_s() + YOUNG_RUN_S
+        self._next_after_tick, self._stable_s = parts.after_tick, parts.clock.now_s() + SHORT_RUN_S
         parts.after_tick = self._after_tick
         device: HardwareWatchdog | None = None
         try:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Output
-from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
+from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_line
 from firmware_py.system.state_directory import RECORD_FILES
 from firmware_py.system.store import Store
 
@@ -47,7 +47,7 @@ class TrialWatch:
         if self._start_s is None:
             self._start_s = now_s
         if now_s - self._start_s >= TRIAL_S:
-            self._store.save(UPDATE_FILE, passed_text(self._trial.program).encode())
+            self._store.save(UPDATE_FILE, passed_line(self._trial.program).encode())
             self._store.set_aside(RECORD_FILES)
             self._report_text(Severity.NOTICE, f"Trial passed: {self._trial.name}")
             self._trial = None

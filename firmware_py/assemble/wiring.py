@@ -117,7 +117,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         autopilot,
         utc_s=clock.utc_s,
         version=version,
-        load=LoadMeter(clock).share,
+        load=LoadMeter(clock).fraction,
         vault=vault,
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
@@ -157,7 +157,7 @@ def _create_start_state(
     vehicle: Vehicle, stored: StateDirectory, plans: Plans, endings: Endings, now: Moment, say: Callable[[str], None]
 ) -> State:
     base = vehicle_parameters(vehicle)
-    parameters = select_start_parameters(stored.parameters_over(base), base, endings.early, say)
+    parameters = select_start_parameters(stored.apply_parameters(base), base, endings.early, say)
     return resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
 
 
@@ -188,7 +188,7 @@ def _create_reporter(console: Console, notices: list[Event]) -> Callable[[str], 
     """Return a function that prints a text and reports it with the next tick."""
 
     def say(text: str) -> None:
-        console.ahead(text)
+        console.print_early(text)
         notices.append(Event(Severity.WARNING, text))
 
     return say

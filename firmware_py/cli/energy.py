@@ -11,7 +11,7 @@ from typing import Any
 from msgspec.structs import asdict
 
 from firmware_py.cli.errors import print_error
-from firmware_py.log.daily_energy import Amount, Day, days, rows, thin_logs
+from firmware_py.log.daily_energy import Amount, Day, list_thin_logs, read_rows, sum_by_day
 from firmware_py.log.dataflash import LogError
 from firmware_py.system.state_directory import LOG_DIRECTORY
 
@@ -45,9 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
         return print_error("energy", "--rest-w must be 0 to 100000 W")
     paths: list[Path] = []
     for path in arguments.where:
-        paths += thin_logs(path / LOG_DIRECTORY) if path.is_dir() else [path]
+        paths += list_thin_logs(path / LOG_DIRECTORY) if path.is_dir() else [path]
     try:
-        daily = days(rows(paths))
+        daily = sum_by_day(read_rows(paths))
     except LogError as error:
         return print_error("energy", error)
     if arguments.json:

@@ -19,7 +19,7 @@ from pathlib import Path
 from firmware_py.cli.state_owner import check_directory, check_owner, describe_user
 from firmware_py.link.signing import KEY_BYTES, KeyState, Signing, find_key, key_of_passphrase, timestamp_of
 from firmware_py.system.directory_lock import StoreError
-from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
+from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, find_exposed_key_files, read_key
 from firmware_py.system.store import Store
 
 MAX_PASSPHRASE_BYTES = 1024
@@ -65,12 +65,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _print_state(arguments: argparse.Namespace) -> None:
     """Print the state of the key as the next start would find it."""
-    stored = stored_key(arguments.state)
+    stored = read_key(arguments.state)
     key = find_key(stored)
     state, problem = key.state.value, key.problem or stored.damage
     if key.state is KeyState.LOST and os.geteuid() not in (0, owner := arguments.state.stat().st_uid):
         state, problem = _UNREADABLE, f"{problem}; run this as {describe_user(owner)}"
-    exposed = exposed_key_files(arguments.state)
+    exposed = find_exposed_key_files(arguments.state)
     if arguments.json:
         print(json.dumps({"state": state, "problem": problem, "readable_by_others": list(exposed)}))
         return

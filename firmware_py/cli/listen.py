@@ -8,7 +8,7 @@ from pathlib import Path
 
 from firmware_py.cli.bench_session import BenchSession
 from firmware_py.cli.errors import print_error
-from firmware_py.system.readings import device_line
+from firmware_py.system.readings import format_device
 from firmware_py.vehicle import VehicleError, load
 
 POLLS_PER_PRINT = 10  # of 0.1 s each
@@ -43,6 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _print_devices(session: BenchSession, *, as_json: bool) -> None:
     for device in session.devices:
         record = device.record()
-        print(json.dumps(record) if as_json else device_line(record), flush=True)
+        print(json.dumps(record) if as_json else format_device(record), flush=True)
     if not as_json:
         print(flush=True)

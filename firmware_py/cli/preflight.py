@@ -38,12 +38,12 @@ from firmware_py.system.state_directory import (
     RESUME_FILE,
     SIGNING_FILE,
     StateFiles,
-    exposed_key_files,
+    find_exposed_key_files,
     load_parameters,
     load_plans,
     report_damage,
 )
-from firmware_py.system.status_file import Freshness, find
+from firmware_py.system.status_file import Freshness, find_status
 from firmware_py.vehicle import Vehicle
 
 MAX_MODEM_REPLY_S, MODEM_POLL_S = 12.0, 0.05  # the modem driver repeats a request after ten seconds
@@ -99,7 +99,7 @@ def _check_loiter_radius(parameters: ParameterSet) -> Iterator[Finding]:
 
 def check_state(directory: Path) -> Iterator[Finding]:
     """Check the stored state, and whether an autopilot uses it now."""
-    status = find(directory, machine_s())
+    status = find_status(directory, machine_s())
     if status.freshness is Freshness.RUNNING:
         text = (
             f"{directory} is used by an autopilot (process {status.content['pid']}), which has the ports; stop it first"
@@ -123,7 +123,7 @@ def check_state(directory: Path) -> Iterator[Finding]:
             resume_from_bytes(record)
         except (ValueError, RecursionError) as error:
             problems.append(f"stored {RESUME_FILE} ignored: {error}")
-    problems += (f"{name} is readable by other users; chmod 600" for name in exposed_key_files(directory))
+    problems += (f"{name} is readable by other users; chmod 600" for name in find_exposed_key_files(directory))
     yield from (Finding(Level.WARN, "state", text) for text in problems)
     key = find_key(files.examine(SIGNING_FILE))
     if key.state is KeyState.LOST:

@@ -23,7 +23,7 @@ from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
 from firmware_py.system.directory_lock import StoreError
-from firmware_py.system.endings import EXIT_STUCK
+from firmware_py.system.endings import STUCK_EXIT_CODE
 from firmware_py.system.serial_port import PortError
 from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.signals import Signals
@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
         if code != 0 or restart is None or signals.stopping:
             return code
         if not restart.shutdown:
-            signals.hold()
+            signals.block()
             realtime.restart_program()
         return EXIT_SHUT_DOWN
 
@@ -135,7 +135,7 @@ def _check_owner(options: Options) -> None:
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
     """Start the watchdogs; close the assembly and raise WatchdogError if one fails."""
     try:
-        parts, endings, ahead = assembly.parts, assembly.endings, assembly.console.ahead
+        parts, endings, ahead = assembly.parts, assembly.endings, assembly.console.print_early
         return Supervision(parts, endings, ahead, os.environ, arguments.watchdog, wait=arguments.wait)
     except WatchdogError:
         assembly.close()
@@ -184,4 +184,4 @@ def _exit_stuck(assembly: Assembly) -> NoReturn:
     thread = threading.Thread(target=assembly.close, daemon=True)
     thread.start()
     thread.join(MAX_CLOSE_S)
-    os._exit(EXIT_STUCK)
+    os._exit(STUCK_EXIT_CODE)

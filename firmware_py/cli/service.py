@@ -10,11 +10,11 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py.install.service_files import NAME, PAGE, STATE, Page, Service, service_files
-from firmware_py.install.steps import InstallError, check, install, may_change_system, remove
+from firmware_py.install.service_files import NAME, PAGE_NAME, STATE, Page, Service, service_files
+from firmware_py.install.steps import InstallError, check, install, is_root, remove
 from firmware_py.install.steps import run as run_program
 from firmware_py.vehicle import VehicleError, load
-from firmware_py.view.guard import DEFAULT_LISTEN, ViewError, listen_address
+from firmware_py.view.guard import DEFAULT_LISTEN, ViewError, parse_listen_address
 
 # Property of systemctl -> key of --json.
 _PROPERTIES: Mapping[str, str] = {
@@ -88,7 +88,7 @@ def _install(arguments: argparse.Namespace) -> int:
     service = _make_service(arguments)
     check(service, arguments.root)
     install(service, arguments.root, print)
-    names = NAME if service.page is None else f"{NAME} {PAGE}"
+    names = NAME if service.page is None else f"{NAME} {PAGE_NAME}"
     print(f"enabled: starts with the computer; to start it now: systemctl start {names}")
     return 0
 
@@ -128,7 +128,7 @@ def _make_page(arguments: argparse.Namespace) -> Page | None:
             raise InstallError("--view-token needs --view")
         return None
     try:
-        listen_address(arguments.view, with_token=token is not None)
+        parse_listen_address(arguments.view, with_token=token is not None)
     except ViewError as error:
         raise InstallError(f"--view {error}") from None
     return Page(arguments.view, token)
@@ -148,7 +148,7 @@ def _absolute_path(path: Path) -> Path:
 
 def _check_root(root: Path) -> None:
     """Raise InstallError if this user may not change the system or the directory is missing."""
-    if root == Path("/") and not may_change_system():
+    if root == Path("/") and not is_root():
         raise InstallError("this changes the system; run it as root (sudo)")
     if not root.is_dir():
         raise InstallError(f"--root {root}: no such directory; give the root directory of a system")

@@ -38,9 +38,9 @@ from firmware_py.system.state_directory import (
     SIGNING_FILE,
     STATE_NAMES,
     StateFiles,
-    checked_plan,
+    parse_stored_plan,
+    read_key,
     read_parameters,
-    stored_key,
 )
 from firmware_py.system.state_export import MAX_EXPORT_BYTES, BrokenExportError, Export, begin_import, pack, unpack
 from firmware_py.system.store import Store
@@ -181,7 +181,7 @@ def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]
     try:
         new_files = {name: export.files.get(name) for name in STATE_NAMES if name != SIGNING_FILE}
         if export.files.get(SIGNING_FILE):
-            new_files[SIGNING_FILE] = _renew_key(export, stored_key(directory))
+            new_files[SIGNING_FILE] = _renew_key(export, read_key(directory))
         with exact_modes():
             begin_import(directory, Export(new_files, export.about))
     except OSError as error:
@@ -196,7 +196,7 @@ def check_contents(export: Export, warn: _Warn) -> None:
     for kind, name in PLAN_FILES.items():
         if (content := export.content(name)) is not None:
             with _reject_errors(name):
-                for note in checked_plan(kind, content.decode("ascii", "replace"))[1]:
+                for note in parse_stored_plan(kind, content.decode("ascii", "replace"))[1]:
                     warn(f"{name}: {note}")
     read_parameters(export.content(PARAMETER_FILE), warn)
     for name, read in DECODERS.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 from firmware_py.cli.run import default_state_directory
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.service_files import UNIT
-from firmware_py.install.unit import installation_of
+from firmware_py.install.unit import read_installation
 from firmware_py.system.directory_lock import StoreError
 from firmware_py.vehicle import Vehicle
 
@@ -18,7 +18,7 @@ from firmware_py.vehicle import Vehicle
 def state_directory_of(file: Path, vehicle: Vehicle) -> Path:
     """Return the state directory of the service with this vehicle file, else the default of `rambler run`."""
     try:
-        service = installation_of(UNIT)
+        service = read_installation(UNIT)
     except UpdateError:  # not installed
         return default_state_directory(vehicle.name)
     same_file = os.path.realpath(service.vehicle) == os.path.realpath(file)

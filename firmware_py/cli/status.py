@@ -17,9 +17,9 @@ from firmware_py.cli.errors import print_error
 from firmware_py.common.calendar import is_possible
 from firmware_py.system.clock import machine_s
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
-from firmware_py.system.readings import device_line, values_line
+from firmware_py.system.readings import format_device, format_values
 from firmware_py.system.slots import examine
-from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
+from firmware_py.system.status_file import Freshness, StatusReading, find_all_statuses, find_status
 
 # Keys of the first line. The other keys are printed as names and values.
 _FIRST_LINE_KEYS = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
@@ -39,17 +39,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Return 0 if an autopilot runs, 1 for an old status or none, 2 if --state is missing or wrong."""
     directory = arguments.state
     if directory is not None:
-        file_status = find(directory, machine_s())
+        file_status = find_status(directory, machine_s())
         # The status is elsewhere: it exists even if the autopilot has lost the disk of its state directory.
         if file_status.freshness is Freshness.ABSENT and not os.path.isdir(directory):  # noqa: PTH112 - never raises
             return print_error("status", f"{directory} is not a directory; give that of `rambler run --state`")
     else:
-        statuses = list(find_all(machine_s()).values())
+        statuses = list(find_all_statuses(machine_s()).values())
         candidates = [entry for entry in statuses if entry.freshness is Freshness.RUNNING] or statuses
         if len(candidates) > 1:
             directories = ", ".join(sorted(str(row.content.get("state_directory", row.reason)) for row in candidates))
             return print_error("status", f"several autopilots run here; choose one with --state: {directories}")
-        file_status = next(iter(candidates), FoundStatus(Freshness.ABSENT, reason="no autopilot runs here"))
+        file_status = next(iter(candidates), StatusReading(Freshness.ABSENT, reason="no autopilot runs here"))
         if "state_directory" in file_status.content:
             directory = Path(file_status.content["state_directory"])
     status = _complete_status(file_status, directory)
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if file_status.freshness is Freshness.RUNNING else 1
 
 
-def _complete_status(file_status: FoundStatus, directory: Path | None) -> dict[str, Any]:
+def _complete_status(file_status: StatusReading, directory: Path | None) -> dict[str, Any]:
     """Add the age of the status, the endings of earlier runs and the disk space."""
     status: dict[str, Any] = {
         "status": file_status.freshness.value,
@@ -112,19 +112,21 @@ def _status_lines(status: Mapping[str, Any]) -> Iterator[str]:
         for row in status["faults"]
     ]
     yield from _label_lines("faults", faults or ["none"])
-    yield from _label_lines("devices", [device_line(row) for row in status["devices"]])
+    yield from _label_lines("devices", [format_device(row) for row in status["devices"]])
     yield from _label_lines("links", [line for row in status["links"] for line in _link_lines(row)] or ["none"])
     scalars = {
         name: value
         for name, value in status.items()
         if not isinstance(value, (dict, list)) and name not in _FIRST_LINE_KEYS
     }
-    yield from _label_lines("now", [values_line({name: value for name, value in scalars.items() if value != ""})])
+    yield from _label_lines("now", [format_values({name: value for name, value in scalars.items() if value != ""})])
     for name, value in status.items():
         if isinstance(value, dict) and value and name != "endings":
             nearest = value.get("nearest", []) if name == "traffic" else []
             values = {key: item for key, item in value.items() if key != "nearest"}
-            yield from _label_lines(name, [values_line(values), *(f"{_INDENT}{values_line(row)}" for row in nearest)])
+            yield from _label_lines(
+                name, [format_values(values), *(f"{_INDENT}{format_values(row)}" for row in nearest)]
+            )
 
 
 def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from firmware_py.cli.errors import print_error
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.service_files import UNIT
-from firmware_py.install.unit import installation_of
+from firmware_py.install.unit import read_installation
 from firmware_py.install.update import SIGNERS, Permissions, await_trial, roll_back, update
 
 
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     signers = arguments.signers or (SIGNERS if os.path.lexists(SIGNERS) else None)  # also a dangling link
     permissions = Permissions(armed=arguments.armed, older=arguments.older)
     try:
-        installation = installation_of(arguments.unit)
+        installation = read_installation(arguments.unit)
         if installation.blocked_reason:
             return print_error("update", installation.blocked_reason)
         if arguments.back:

@@ -19,10 +19,10 @@ from firmware_py.system import realtime
 from firmware_py.system.clock import machine_s
 from firmware_py.system.signals import Signals
 from firmware_py.system.slots import examine
-from firmware_py.system.state_directory import PLAN_FILES, checked_plan
-from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
+from firmware_py.system.state_directory import PLAN_FILES, parse_stored_plan
+from firmware_py.system.status_file import Freshness, StatusReading, find_all_statuses, find_status
 from firmware_py.view.feed import MAX_LINE_BYTES, Feed
-from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, listen_address, read_token
+from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, parse_listen_address, read_token
 from firmware_py.view.history import History
 from firmware_py.view.model import plan_rows
 from firmware_py.view.server import Hub, ViewServer
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         history = History()
         state = arguments.state
         feed = Feed(history, lambda: _find_status(state), lambda: _read_plans(_find_directory(state)), _REMEDIES)
-        hub = Hub(history.whole)
+        hub = Hub(history.all_data)
         try:
             server = _open_server(arguments.listen, arguments.token, hub, any_port=by_harness)
         except ViewError as error:
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             hub.publish(lambda: (feed.poll(), history.epoch))
             time.sleep(HARNESS_POLL_INTERVAL_S if by_harness else POLL_INTERVAL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))
-        hub.close(over=by_harness)  # a service may restart: the voyage is not over
+        hub.close(is_over=by_harness)  # a service may restart: the voyage is not over
         time.sleep(CLOSE_DELAY_S)
         server.server_close()
     return 0
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _open_server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -> ViewServer:
     try:
-        host, port, loopback = listen_address(listen, with_token=token_file is not None)
+        host, port, loopback = parse_listen_address(listen, with_token=token_file is not None)
     except ViewError as error:
         raise ViewError(f"--listen {error}") from None
     token = "" if token_file is None else read_token(token_file)
@@ -109,18 +109,18 @@ def _format_url(server: ViewServer) -> str:
 def _read_harness(feed: Feed, input_ended: threading.Event) -> None:
     """Read the lines of the harness until it closes the pipe."""
     while line := sys.stdin.buffer.readline(MAX_LINE_BYTES):
-        feed.take_line(line)
+        feed.add_line(line)
     input_ended.set()
 
 
-def _find_status(state: Path | None) -> FoundStatus:
+def _find_status(state: Path | None) -> StatusReading:
     if state is not None:
-        return find(state, machine_s())
-    running = [status for status in find_all(machine_s()).values() if status.freshness is Freshness.RUNNING]
+        return find_status(state, machine_s())
+    running = [status for status in find_all_statuses(machine_s()).values() if status.freshness is Freshness.RUNNING]
     if len(running) == 1:
         return running[0]
     reason = "several autopilots run here; choose one with --state" if running else "no autopilot runs here"
-    return FoundStatus(Freshness.ABSENT, reason=reason)
+    return StatusReading(Freshness.ABSENT, reason=reason)
 
 
 def _find_directory(state: Path | None) -> Path | None:
@@ -139,7 +139,7 @@ def _read_plans(directory: Path | None) -> Mapping[str, Any]:
         try:
             stored = examine(directory, PLAN_FILES[kind])
             if stored.content is not None:
-                plan, _ = checked_plan(kind, stored.content.decode("ascii", "replace"))
+                plan, _ = parse_stored_plan(kind, stored.content.decode("ascii", "replace"))
                 rows_by_kind[kind.name.lower()] = plan_rows(plan)
         except (OSError, ValueError):
             continue  # the autopilot reports a damaged plan

@@ -1,19 +1,19 @@
-"""Replacement of closed standard streams."""
+"""Replaces closed standard streams."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-_LAST = 2  # standard error
+_LAST_STREAM = 2  # standard error
 
 
-def keep_standard_streams() -> None:
-    """Open /dev/null in place of a standard stream that was closed at the start.
+def open_closed_streams() -> None:
+    """Open /dev/null for each standard stream that was closed at the start.
 
-    Otherwise the next opened file would get its number, and printed text could go to a serial port.
+    Otherwise the next opened file would get its descriptor number, and texts could be printed to a serial port.
     """
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _LAST:
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):

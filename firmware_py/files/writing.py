@@ -1,4 +1,4 @@
-"""Creates files and directories with fixed modes (owner and group only), and replaces files atomically."""
+"""Creates files and directories with fixed modes, without access for other users, and replaces files atomically."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _UMASK = 0o027
 
 @contextlib.contextmanager
 def exact_modes() -> Iterator[None]:
-    """Set the umask, so that new files have the given modes."""
-    before = os.umask(_UMASK)
+    """Set the umask within the context, so that new files have exactly the modes above."""
+    previous_umask = os.umask(_UMASK)
     try:
         yield
     finally:
-        os.umask(before)
+        os.umask(previous_umask)
 
 
 def make_directory(path: Path) -> None:
@@ -28,7 +28,7 @@ def make_directory(path: Path) -> None:
         return
     if path.parent != path:
         make_directory(path.parent)
-    with contextlib.suppress(FileExistsError):  # created meanwhile, or not a directory
+    with contextlib.suppress(FileExistsError):  # created by another process, or not a directory
         path.mkdir(DIRECTORY_MODE)
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
@@ -37,46 +37,46 @@ def make_directory(path: Path) -> None:
 def write_atomically(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
     """Replace a file atomically and force it to disk. Raise OSError on failure.
 
-    If the final sync of the directory fails, the new file is already in place; otherwise the old one is unchanged.
+    After a failure the old file is unchanged, unless the final sync of the directory failed: then it is replaced.
     """
-    fresh = path.with_name(f".{path.name}.new")
+    temporary = path.with_name(f".{path.name}.new")
     try:
-        os.unlink(fresh)  # noqa: PTH108 - tests replace the functions of os
+        os.unlink(temporary)  # noqa: PTH108 - tests replace the functions of os
     except IsADirectoryError:
-        set_aside(fresh)
+        set_aside(temporary)
     except FileNotFoundError:
         pass
-    descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
             os.fchmod(descriptor, mode)  # independent of the umask
-            left = memoryview(content)
-            while left:
-                if not (written := os.write(descriptor, left)):
+            remaining = memoryview(content)
+            while remaining:
+                if not (written := os.write(descriptor, remaining)):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                left = left[written:]
+                remaining = remaining[written:]
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-        os.replace(fresh, path)  # noqa: PTH105
+        os.replace(temporary, path)  # noqa: PTH105
     except OSError:
         with contextlib.suppress(OSError):
-            os.unlink(fresh)  # noqa: PTH108
+            os.unlink(temporary)  # noqa: PTH108
         raise
     sync_directory(path.parent)
 
 
 def set_aside(path: Path) -> Path:
-    """Rename an entry of any kind and return its new path; raise OSError on failure.
+    """Rename an entry of any type to NAME.aside and return its new path; raise OSError on failure.
 
-    An earlier renamed file is replaced, a directory is not.
+    A file that was renamed earlier is replaced; if it is a directory, a number is appended to the name.
     """
     for number in range(10):
-        aside = path.with_name(f"{path.name}.aside{number or ''}")
+        new_path = path.with_name(f"{path.name}.aside{number or ''}")
         with contextlib.suppress(FileExistsError, IsADirectoryError, NotADirectoryError):
-            if not aside.is_dir():
-                os.replace(path, aside)  # noqa: PTH105 - tests replace the functions of os
-                return aside
+            if not new_path.is_dir():
+                os.replace(path, new_path)  # noqa: PTH105 - tests replace the functions of os
+                return new_path
     raise FileExistsError(errno.EEXIST, f"too many renamed copies of {path.name}; delete some")
 
 

@@ -1,4 +1,4 @@
-"""Virtual environments: each version of the autopilot has its own directory next to the installed one."""
+"""Virtual environments: each version of the autopilot has its own, in the same directory."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from firmware_py.install.service_files import NAME
 from firmware_py.system.status_file import TRIAL_DIRECTORY
 
 _CONFIG = "pyvenv.cfg"
-_MADE = re.compile(rf"{NAME}-\d.*-[0-9a-f]{{8}}")  # names given by environment_for()
-_RESERVE_BYTES = 50_000_000  # left for the autopilot, which may share the disk
-_COMPILED_FACTOR = 1.6  # size with compiled modules
+_CREATED_NAME = re.compile(rf"{NAME}-\d.*-[0-9a-f]{{8}}")  # names from new_environment
+_RESERVE_BYTES = 50_000_000  # for the autopilot, which may use the same disk
+_COMPILED_FACTOR = 1.6  # by which compiled modules increase the size
 _TIMEOUT_S = 1200.0
 _MAX_CONFIG_BYTES, _MAX_LIST_BYTES = 1 << 16, 1 << 20
 
 
 class Environment(msgspec.Struct, frozen=True):
-    """One virtual environment."""
+    """A virtual environment of the autopilot."""
 
     path: Path
 
@@ -44,15 +44,15 @@ class Environment(msgspec.Struct, frozen=True):
         return self.path / "bin" / "python"
 
     def bundle(self) -> Bundle | None:
-        """Return the list of the bundle it was made from; None if it is incomplete or was made otherwise."""
+        """Return the list of its bundle; None if it is incomplete or was not made from a bundle."""
         try:
             return read_list(read_regular(self.path / LIST, _MAX_LIST_BYTES))
         except (OSError, UpdateError):
             return None
 
 
-def environment_of(program: Path) -> Environment:
-    """Return the environment of a program; raise UpdateError if it cannot be updated."""
+def read_environment(program: Path) -> Environment:
+    """Return the environment of a program; raise UpdateError if a bundle cannot update it."""
     environment = Environment(program.parents[1])
     remedy = "install it as in docs/how-to/installation.md"
     try:
@@ -68,25 +68,25 @@ def environment_of(program: Path) -> Environment:
     return environment
 
 
-def environment_for(environment: Environment, bundle: Bundle) -> Environment:
+def new_environment(environment: Environment, bundle: Bundle) -> Environment:
     """Return the environment for a bundle, in the same directory as the given one."""
     return Environment(environment.path.with_name(f"{NAME}-{bundle.version}-{bundle.digest[:8]}"))
 
 
-def work_directory(environment: Environment) -> Path:
-    """Return an empty work directory on the same disk; remove that of an interrupted update."""
+def create_work_directory(environment: Environment) -> Path:
+    """Create an empty work directory on the same disk; remove the one of an interrupted update."""
     folder = environment.path.with_name(TRIAL_DIRECTORY)
     _remove(folder)
     folder.mkdir(mode=0o700)
     return folder
 
 
-def remove_others(kept: Sequence[Environment]) -> list[str]:
-    """Remove the environments of earlier updates except these; return the names."""
+def remove_other_environments(kept: Sequence[Environment]) -> list[str]:
+    """Remove the environments of earlier updates except `kept`; return the names of those removed."""
     others = [
         path
         for path in sorted(kept[0].path.parent.iterdir())
-        if _MADE.fullmatch(path.name)
+        if _CREATED_NAME.fullmatch(path.name)
         and (path / _CONFIG).is_file()
         and Environment(path) not in kept
         and not path.is_symlink()
@@ -96,9 +96,9 @@ def remove_others(kept: Sequence[Environment]) -> list[str]:
     return [path.name for path in others]
 
 
-def check_room(environment: Environment, wheels: Path) -> None:
-    """Raise UpdateError if the disk has too little space for an environment of these wheels."""
-    largest: dict[str, int] = {}  # one wheel of each package is installed
+def check_free_space(environment: Environment, wheels: Path) -> None:
+    """Raise UpdateError if the disk has too little free space for an environment of these wheels."""
+    size_by_package: dict[str, int] = {}  # by package, of which one wheel is installed
     for wheel in wheels.glob("*.whl"):
         try:
             with zipfile.ZipFile(wheel) as archive:
@@ -106,26 +106,27 @@ def check_room(environment: Environment, wheels: Path) -> None:
         except (OSError, zipfile.BadZipFile) as error:
             raise UpdateError(f"{wheel.name} is not a wheel: {error}; build the bundle again") from None
         package = wheel.name.partition("-")[0]
-        largest[package] = max(size, largest.get(package, 0))
-    needed = int(sum(largest.values()) * _COMPILED_FACTOR) + _RESERVE_BYTES
-    free = shutil.disk_usage(environment.path.parent).free
-    if free < needed:
+        size_by_package[package] = max(size, size_by_package.get(package, 0))
+    needed_bytes = int(sum(size_by_package.values()) * _COMPILED_FACTOR) + _RESERVE_BYTES
+    free_bytes = shutil.disk_usage(environment.path.parent).free
+    if free_bytes < needed_bytes:
         raise UpdateError(
-            f"{environment.path.parent} has {free / 1e6:.0f} MB free, an update needs {needed / 1e6:.0f} MB; free space"
+            f"{environment.path.parent} has {free_bytes / 1e6:.0f} MB free, "
+            f"an update needs {needed_bytes / 1e6:.0f} MB; free space"
         )
 
 
-def make(environment: Environment, wheels: Path, bundle: Bundle, lock: int) -> None:
-    """Make an environment from the wheels of a bundle with venv and pip; raise UpdateError on failure.
+def create(environment: Environment, wheels: Path, bundle: Bundle, lock: int) -> None:
+    """Create an environment from the wheels of a bundle with venv and pip; raise UpdateError on failure.
 
     The list of the bundle is written last: an environment without it is incomplete. The child processes inherit the
-    lock, so that the next update waits for them.
+    descriptor `lock`, so that another update is refused until they end.
     """
     if importlib.util.find_spec("venv") is None:
         raise UpdateError("this Python has no venv module; apt-get install python3-venv")
     _remove(environment.path)
-    # pip is run from its wheel and need not be installed.
-    pip = [str(environment.python), str(wheels / bundle.of("pip") / "pip")]
+    # pip runs from its wheel without installation.
+    pip = [str(environment.python), str(wheels / bundle.wheel_of("pip") / "pip")]
     # fmt: off
     options = [
         "--isolated", "--disable-pip-version-check", "--no-input", "--no-cache-dir", "--quiet", "--no-index",
@@ -135,20 +136,20 @@ def make(environment: Environment, wheels: Path, bundle: Bundle, lock: int) -> N
     _run([sys.executable, "-I", "-m", "venv", "--without-pip", str(environment.path)], lock)
     _run([*pip, "install", *options], lock)
     os.sync()
-    part = environment.path / f"{LIST}.part"
-    shutil.copyfile(wheels / LIST, part)
-    with part.open("rb") as file:
+    temporary = environment.path / f"{LIST}.part"
+    shutil.copyfile(wheels / LIST, temporary)
+    with temporary.open("rb") as file:
         os.fsync(file.fileno())
-    part.replace(environment.path / LIST)
+    temporary.replace(environment.path / LIST)
 
 
-def _run(words: Sequence[str], lock: int) -> None:
+def _run(command: Sequence[str], lock: int) -> None:
     try:
         process = subprocess.run(  # noqa: S603 - fixed arguments
-            words, capture_output=True, timeout=_TIMEOUT_S, check=False, stdin=subprocess.DEVNULL, pass_fds=(lock,)
+            command, capture_output=True, timeout=_TIMEOUT_S, check=False, stdin=subprocess.DEVNULL, pass_fds=(lock,)
         )
     except (OSError, subprocess.SubprocessError) as error:
-        raise UpdateError(f"{words[0]}: {error}") from None
+        raise UpdateError(f"{command[0]}: {error}") from None
     if process.returncode != 0:
         lines = (process.stderr or process.stdout).decode("utf-8", "replace").strip().splitlines()
         errors = [line for line in lines if line.startswith("ERROR:")] or lines or [f"exit code {process.returncode}"]
@@ -156,7 +157,7 @@ def _run(words: Sequence[str], lock: int) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a directory, its list first, so that a remnant never counts as complete."""
+    """Remove a directory, its list first, so that an incompletely removed one does not count as complete."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
         (path / LIST).unlink()
     if path.is_dir() and not path.is_symlink():

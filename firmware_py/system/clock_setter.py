@@ -1,4 +1,4 @@
-"""Sets the computer's clock from GPS if nothing else synchronises it; the clock of the loop is not affected."""
+"""Sets the computer's clock from GPS if no other program synchronises it; the clock of the loop is not affected."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ SET_NEVER, SET_IF_INVALID, SET_IF_UNSYNCHRONISED = range(3)  # CLK_SET
 
 MIN_AGREEING_TIMES = 5  # consecutive times that must agree
 AGREEMENT_TOLERANCE_S = 1.0
-TOLERANCE_S = {
-    SET_IF_INVALID: DAY_S,
-    SET_IF_UNSYNCHRONISED: 2.0,
-}  # a receiver's sentence may come a second after its time
+# A sentence of a receiver may arrive a second after its time.
+MAX_ERROR_S = {SET_IF_INVALID: DAY_S, SET_IF_UNSYNCHRONISED: 2.0}
 CHECK_INTERVAL_S = 60.0
 RETRY_S = 3600.0  # after a permission error
 
@@ -28,50 +26,47 @@ class ClockSetter:
     """
 
     def __init__(
-        self,
-        utc_s: Callable[[], float],
-        set_utc_s: Callable[[float], bool],
-        is_kept: Callable[[], bool],
+        self, utc_s: Callable[[], float], set_utc_s: Callable[[float], bool], is_synchronised: Callable[[], bool]
     ) -> None:
-        """Set the functions to read and to set the clock, and to check whether it is synchronised."""
+        """Store the functions that read the clock, set it, and check whether it is synchronised."""
         self._utc_s = utc_s
         self._set_utc_s = set_utc_s
-        self._is_kept = is_kept
-        self._gps: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
-        self._station: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
-        self._due_s = -math.inf
+        self._is_synchronised = is_synchronised
+        self._gps_offsets_s: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
+        self._station_offsets_s: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
+        self._next_check_s = -math.inf
 
     def add_station_time(self, utc_s: float, now_s: float) -> None:
         """Add the time of a ground station."""
-        self._station.append(utc_s - now_s)
+        self._station_offsets_s.append(utc_s - now_s)
 
     def update(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> tuple[Event, ...]:
-        """Add the fixes of a tick; set the clock if necessary and permitted; return the event."""
-        self._gps.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
-        if policy == SET_NEVER or now_s < self._due_s:
+        """Add the fixes of a tick; set the clock if `policy` (CLK_SET) requires it; return the event."""
+        self._gps_offsets_s.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
+        if policy == SET_NEVER or now_s < self._next_check_s:
             return ()
         utc_s = self._utc_s()
-        wrong = not is_possible(utc_s)
-        offset_s, source = _agreed_offset_s(self._gps, now_s), "GPS"
-        if offset_s is None and wrong and not self._gps:
-            offset_s, source = _agreed_offset_s(self._station, now_s), "a ground station"
+        is_impossible = not is_possible(utc_s)
+        offset_s, source = _agreed_offset_s(self._gps_offsets_s, now_s), "GPS"
+        if offset_s is None and is_impossible and not self._gps_offsets_s:
+            offset_s, source = _agreed_offset_s(self._station_offsets_s, now_s), "a ground station"
         if offset_s is None:
             return ()
-        self._due_s = now_s + CHECK_INTERVAL_S
+        self._next_check_s = now_s + CHECK_INTERVAL_S
         error_s = utc_s - (offset_s + now_s)
-        if not wrong and (abs(error_s) <= TOLERANCE_S[policy] or self._is_kept()):
+        if not is_impossible and (abs(error_s) <= MAX_ERROR_S[policy] or self._is_synchronised()):
             return ()
         if not self._set_utc_s(offset_s + now_s):
-            self._due_s = now_s + RETRY_S
+            self._next_check_s = now_s + RETRY_S
             text = f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)"
             return (Event(Severity.WARNING, text),)
         return (Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off"),)
 
 
 def _agreed_offset_s(offsets_s: deque[float], now_s: float) -> float | None:
-    """Return the latest difference, None unless enough of them agree and the time is possible; rejects NaN."""
+    """Return the latest difference, None unless MIN_AGREEING_TIMES agree and the time is possible; NaN never agrees."""
     if len(offsets_s) < MIN_AGREEING_TIMES:
         return None
     latest_s = offsets_s[-1]
-    agree = all(abs(offset_s - latest_s) <= AGREEMENT_TOLERANCE_S for offset_s in offsets_s)
-    return latest_s if agree and is_possible(latest_s + now_s) else None
+    has_agreement = all(abs(offset_s - latest_s) <= AGREEMENT_TOLERANCE_S for offset_s in offsets_s)
+    return latest_s if has_agreement and is_possible(latest_s + now_s) else None

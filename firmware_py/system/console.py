@@ -1,7 +1,7 @@
-"""Prints the messages of the autopilot without blocking the loop on a stuck terminal or pipe.
+"""Prints the messages of the autopilot without blocking the loop on a blocked terminal or pipe.
 
-Lines are written to the descriptor: unflushed data of a Python stream would change the exit code, and the lock of a
-stream held by a waiting thread would abort the process at its end.
+Lines are written to the descriptor, not to a Python stream: unflushed data of a stream would change the exit code, and
+a thread that waits with the lock of a stream would abort the process at its end.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ class Console:
     """A bounded queue of lines and the thread that writes them to standard error."""
 
     def __init__(self) -> None:
-        """Start the writer."""
+        """Start the thread."""
         self._lines: queue.Queue[str | None] = queue.Queue(MAX_QUEUED_LINES)
         self._lost_lines = 0
         self._printed_early: list[str] = []
-        self._thread = threading.Thread(target=self._write, name="console", daemon=True)
+        self._thread = threading.Thread(target=self._write_queue, name="console", daemon=True)
         self._thread.start()
 
     def line(self, text: str) -> None:
-        """Queue a line; a full queue drops and counts it."""
+        """Queue a line; drop and count it if the queue is full."""
         try:
             self._lines.put_nowait(text)
         except queue.Full:
             self._lost_lines += 1
 
-    def ahead(self, text: str) -> None:
-        """Queue the text of an event of the first tick early, in case the start fails before it."""
+    def print_early(self, text: str) -> None:
+        """Queue the text of an event of the first tick before that tick, in case the start fails."""
         self._printed_early.append(text)
         self.line(text)
 
     def event(self, head: str, text: str) -> None:
-        """Queue the line of an event unless it was printed early."""
+        """Queue the line of an event unless `print_early` has printed it."""
         if text in self._printed_early:
             self._printed_early.remove(text)
         else:
@@ -53,22 +53,22 @@ class Console:
             return
         self._thread.join(timeout=1.0)
 
-    def _write(self) -> None:
+    def _write_queue(self) -> None:
         while (text := self._lines.get()) is not None:
             lost = self._lost_lines
-            if lost and _written(f"({lost} lines lost: output was blocked)"):
+            if lost and _write_line(f"({lost} lines lost: output was blocked)"):
                 self._lost_lines -= lost
-            if not _written(text):
+            if not _write_line(text):
                 self._lost_lines += 1
 
 
-def _written(text: str) -> bool:
-    """Write a line, waiting for the reader; False on an error such as a closed pipe or a full disk."""
-    left = f"{text}\n".encode(errors="backslashreplace")
+def _write_line(text: str) -> bool:
+    """Write a line and wait for the reader; return False on an error such as a closed pipe or a full disk."""
+    unwritten = f"{text}\n".encode(errors="backslashreplace")
     try:
-        while left:
+        while unwritten:
             try:
-                left = left[os.write(STANDARD_ERROR, left) :]
+                unwritten = unwritten[os.write(STANDARD_ERROR, unwritten) :]
             except BlockingIOError:  # another program has set the shared terminal to non-blocking
                 select.select([], [STANDARD_ERROR], [])
     except (OSError, ValueError):

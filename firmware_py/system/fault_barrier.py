@@ -1,7 +1,7 @@
-"""Keeps an error in the link from ending the loop: it is reported, and the next call tries again.
+"""Prevents that an error in the link ends the loop: it is reported, and the next call tries again.
 
-After MAX_ERRORS errors within ERROR_WINDOW_S the next one is raised: the process ends with the rudder centred, and the
-service manager restarts it.
+If MAX_ERRORS errors occurred within ERROR_WINDOW_S, the next one is raised: the process ends with the rudder centred,
+and the service manager restarts it.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ MAX_ERRORS, ERROR_WINDOW_S = 5, 600.0
 
 
 class FaultBarrier:
-    """Makes calls whose errors do not affect steering."""
+    """Calls functions whose errors must not affect steering."""
 
-    def __init__(self, explain: Callable[[str], None]) -> None:
-        """`explain` prints a line of a traceback without blocking."""
-        self._explain = explain
+    def __init__(self, print_line: Callable[[str], None]) -> None:
+        """Store the function that prints a line of a traceback without blocking."""
+        self._print_line = print_line
         self._errors_s: deque[float] = deque(maxlen=MAX_ERRORS)
         self._events: list[Event] = []
 
-    def call(self, now_s: float, act: Callable[[], None]) -> None:
-        """Call `act`; store an error as an event, or raise it after too many."""
+    def call(self, now_s: float, function: Callable[[], None]) -> None:
+        """Call a function; store an error as an event, or raise it after too many errors."""
         try:
-            act()
+            function()
         except Exception as error:
             if len(self._errors_s) == MAX_ERRORS and now_s - self._errors_s[0] < ERROR_WINDOW_S:
                 raise
             self._errors_s.append(now_s)
             for line in "".join(traceback.format_exception(error)).splitlines():
-                self._explain(line)
+                self._print_line(line)
             text = f"Link error {type(error).__name__}; autopilot unaffected"
             self._events.append(Event(Severity.CRITICAL, text))
 

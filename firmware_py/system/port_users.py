@@ -1,4 +1,4 @@
-"""Finds other programs with an open serial port in /proc; only root sees those of other users."""
+"""Finds other programs that have a serial port open, in /proc; only root sees programs of other users."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from pathlib import Path
 PROC = Path("/proc")
 
 
-def port_users(paths: Iterable[str]) -> Mapping[str, str]:
-    """Return the users of each port that is open elsewhere: "gpsd (process 812), brltty (process 90)".
+def find_port_users(paths: Iterable[str]) -> Mapping[str, str]:
+    """Return the users of each port that other programs have open: "gpsd (process 812), brltty (process 90)".
 
-    The program at the other end of a pseudo-terminal, an emulator, is not listed.
+    The program at the other end of a pseudo-terminal, such as an emulator, is not listed.
     """
-    targets = {os.path.realpath(path): path for path in paths}
+    paths_by_target = {os.path.realpath(path): path for path in paths}
     users: dict[str, list[str]] = {}
     for process in _processes():
         links = set(_open_files(process))
-        made_here = any(link.endswith("/ptmx") for link in links)
-        for target in links & targets.keys():
-            if not (made_here and target.startswith("/dev/pts/")):
-                users.setdefault(targets[target], []).append(f"{_name(process)} (process {process.name})")
+        is_emulator = any(link.endswith("/ptmx") for link in links)
+        for target in links & paths_by_target.keys():
+            if not (is_emulator and target.startswith("/dev/pts/")):
+                users.setdefault(paths_by_target[target], []).append(
+                    f"{_process_name(process)} (process {process.name})"
+                )
     return {path: ", ".join(names) for path, names in users.items()}
 
 
@@ -42,9 +44,9 @@ def _open_files(process: Path) -> Iterator[str]:
             continue
 
 
-def _name(process: Path) -> str:
+def _process_name(process: Path) -> str:
     try:
         name = (process / "comm").read_bytes().strip().decode("ascii", "replace")
     except OSError:
         return "?"
-    return "".join(letter if letter.isprintable() else "?" for letter in name)
+    return "".join(character if character.isprintable() else "?" for character in name)

@@ -1,4 +1,4 @@
-"""Device values for JSON and operators: degrees, None for values that are unknown or not finite."""
+"""Converts readings of devices to values for JSON and operators: degrees; None if unknown or not finite."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Values = dict[str, Any]
 
 
 def rounded(value: float | None, digits: int, convert: Callable[[float], float] = float) -> float | None:
-    """Return a converted and rounded value; None if absent or not finite."""
+    """Convert and round a value; return None if it is None or not finite."""
     return None if value is None or not math.isfinite(value) else round(convert(value), digits)
 
 
@@ -64,7 +64,7 @@ def power_values(sample: PowerSample) -> Values:
 
 
 def vessel_values(report: VesselPosition) -> Values:
-    """Return the reported position of another vessel."""
+    """Return the values of a position report of another vessel."""
     return {
         "mmsi": report.mmsi,
         "kind": report.kind.name.lower(),
@@ -77,14 +77,14 @@ def vessel_values(report: VesselPosition) -> Values:
 
 
 def identity_values(report: VesselIdentity) -> Values:
-    """Return the reported identity of another vessel."""
+    """Return the values of an identity report of another vessel."""
     return {"mmsi": report.mmsi, "name": report.name, "call_sign": report.call_sign, "ship_type": report.ship_type}
 
 
 def device_values(
     name: str, driver: str, port: str, health: DeviceHealth | None, rate_hz: float | None, error: str = ""
 ) -> Values:
-    """Return state, rate and errors of a device; `error` is the reason if it could not be opened."""
+    """Return state, rate and errors of a device; `error` is the reason why it could not be opened, empty otherwise."""
     return {
         "device": name,
         "driver": driver,
@@ -97,18 +97,18 @@ def device_values(
     }
 
 
-def device_line(record: Values) -> str:
-    """Format `device_values` and further values of a device as a line."""
+def format_device(record: Values) -> str:
+    """Format a dictionary from `device_values`, with further values of the device, as a line."""
     head = ("device", "driver", "port", "state", "rate_hz", "accepted", "rejected", "error")
     rate = "      -" if record["rate_hz"] is None else f"{record['rate_hz']:7.2f}"
     values = {name: value for name, value in record.items() if name not in head}
     text = (
         f"{record['device']:<11}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
-        f"{record['accepted']} good, {record['rejected']} bad  {values_line(values)}"
+        f"{record['accepted']} good, {record['rejected']} bad  {format_values(values)}"
     ).rstrip()
     return f"{text}  [{record['error']}]" if record["error"] else text
 
 
-def values_line(values: Values) -> str:
-    """Format names and values as one line, a dash for None."""
+def format_values(values: Values) -> str:
+    """Format names and values as one line, with a dash for None."""
     return "  ".join(f"{name} {'-' if value is None else value}" for name, value in values.items())

@@ -1,6 +1,6 @@
-"""Notifications to the service manager with the protocol of sd_notify(3): ready, alive, stopping, status.
+"""Notifies the service manager with the protocol of sd_notify(3): ready, alive, stopping, status.
 
-A notification is a datagram of lines `NAME=value` to the socket in NOTIFY_SOCKET, sent without blocking.
+A notification is a datagram of lines `NAME=value`, sent without blocking to the socket named in NOTIFY_SOCKET.
 """
 
 from __future__ import annotations
@@ -11,39 +11,39 @@ import socket
 from collections.abc import Mapping
 from pathlib import Path
 
-STATUS_CHARACTERS = 120
+MAX_STATUS_CHARACTERS = 120
 
 
 class ServiceManager:
-    """The service manager of this process, if there is one."""
+    """Connection to the service manager of this process; without one, notifications do nothing."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         """Read the address and the watchdog time from the environment."""
-        self._address = _address(environment.get("NOTIFY_SOCKET", ""))
-        self.watchdog_s = _watchdog_s(environment) if self._address else None
-        self._ready = False
-        self._status = ""
+        self._address = _parse_address(environment.get("NOTIFY_SOCKET", ""))
+        self.watchdog_s = _parse_watchdog_s(environment) if self._address else None
+        self._is_ready_sent = False
+        self._last_status = ""
 
     @property
     def present(self) -> bool:
-        """Whether there is one."""
+        """Whether this process has a service manager."""
         return bool(self._address)
 
     def notify_alive(self, status: str) -> None:
-        """Send WATCHDOG=1, with READY=1 the first time and with a changed status."""
+        """Send WATCHDOG=1, with READY=1 the first time, and with the status if it has changed."""
         if not self._address:
             return
         lines = ["WATCHDOG=1"]
-        if not self._ready:
+        if not self._is_ready_sent:
             lines.insert(0, "READY=1")
-        if status != self._status:
+        if status != self._last_status:
             lines.append(_status_line(status))
         # A failed notification is repeated with the next one.
         if self._send(*lines):
-            self._ready, self._status = True, status
+            self._is_ready_sent, self._last_status = True, status
 
     def notify_status(self, text: str) -> None:
-        """Send a status of one line."""
+        """Send a status."""
         self._send(_status_line(text))
 
     def notify_stopping(self) -> None:
@@ -54,22 +54,22 @@ class ServiceManager:
         if not self._address:
             return False
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as ours:
-                ours.sendto("\n".join(lines).encode("utf-8", "replace"), self._address)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
+                sender.sendto("\n".join(lines).encode("utf-8", "replace"), self._address)
         except OSError:
             return False
         return True
 
 
-def _address(name: str) -> str:
+def _parse_address(name: str) -> str:
     """Return the address of a Unix socket: a path, or an abstract one that starts with @; otherwise empty."""
     if name.startswith("@"):
         return "\0" + name[1:]
     return name if name.startswith("/") else ""
 
 
-def _watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """Return the watchdog time, None without one or if it is for another process."""
+def _parse_watchdog_s(environment: Mapping[str, str]) -> float | None:
+    """Return the watchdog timeout in seconds, None without one or if it is for another process."""
     if environment.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
         return None
     with contextlib.suppress(ValueError):
@@ -79,10 +79,10 @@ def _watchdog_s(environment: Mapping[str, str]) -> float | None:
 
 
 def _status_line(text: str) -> str:
-    return "STATUS=" + " ".join(text.split())[:STATUS_CHARACTERS]
+    return "STATUS=" + " ".join(text.split())[:MAX_STATUS_CHARACTERS]
 
 
 def runtime_directory(environment: Mapping[str, str]) -> Path | None:
-    """Return the runtime directory of the service, which lasts until the next boot, None without one."""
-    first = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
-    return Path(first) if first.startswith("/") else None
+    """Return the runtime directory of the service, which exists until the next boot; None without one."""
+    path = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    return Path(path) if path.startswith("/") else None

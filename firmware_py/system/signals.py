@@ -1,4 +1,4 @@
-"""Handling of each signal: a signal must not stop the autopilot with the rudder deflected.
+"""Handlers of all signals, because a signal must not stop the autopilot with the rudder deflected.
 
 The default action of the kernel for most signals is to end or to stop the process at once.
 """
@@ -18,15 +18,15 @@ Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 
 class Action(Enum):
-    """The action; the text is on the reference page."""
+    """The action on a signal; the text is part of the reference page."""
 
     STOP = "reported and logged; the rudder is made safe; exit code 0"
     CONTINUE = "ignored, reported once"
     IGNORE = "ignored"
 
 
-# SIGTTIN and SIGTTOU would call a handler endlessly, so those are ignored in the kernel. SIGXCPU is the last warning
-# before the limit of processor time. Real-time signals are like the last row.
+# SIGTTIN and SIGTTOU would call a handler endlessly, so the kernel ignores them. SIGXCPU is sent shortly before the
+# limit of processor time is reached. Real-time signals are handled like the last row.
 TABLE: Mapping[signal.Signals, Action] = {
     **dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGXCPU), Action.STOP),
     **dict.fromkeys((signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU), Action.IGNORE),
@@ -39,13 +39,13 @@ REASONS = {signal.SIGHUP: "terminal closed", signal.SIGTSTP: "suspending refused
 
 
 class Signals:
-    """A context manager of the main thread that handles the signals of this process."""
+    """A context manager that handles the signals of this process; for the main thread."""
 
     def __init__(self) -> None:
-        """Start without signals."""
+        """Initialise without received signals."""
         self.stopping = False
         self._signals: deque[int] = deque()
-        self._before: dict[int, object] = {}
+        self._previous_handlers: dict[int, object] = {}
 
     def __enter__(self) -> Self:
         """Install the handlers."""
@@ -55,21 +55,21 @@ class Signals:
             Action.IGNORE: signal.SIG_IGN,
         }
         for number in (*TABLE, *range(signal.SIGRTMIN, signal.SIGRTMAX + 1)):
-            act = TABLE[number] if isinstance(number, signal.Signals) else Action.CONTINUE
-            self._before[number] = signal.signal(number, handlers[act])
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._before)  # blocked since `hold`
+            action = TABLE[number] if isinstance(number, signal.Signals) else Action.CONTINUE
+            self._previous_handlers[number] = signal.signal(number, handlers[action])
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._previous_handlers)  # blocked by `block` before a restart
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Restore the handlers; while stopping, ignore all signals so that none changes the exit code."""
-        for number, before in self._before.items():
-            signal.signal(number, signal.SIG_IGN if self.stopping else before)  # type: ignore[arg-type]
+        """Restore the handlers; if stopping, ignore all signals instead, so that none changes the exit code."""
+        for number, previous_handler in self._previous_handlers.items():
+            signal.signal(number, signal.SIG_IGN if self.stopping else previous_handler)  # type: ignore[arg-type]
 
-    def hold(self) -> None:
-        """Block signals until the program that replaces this one handles them."""
-        signal.pthread_sigmask(signal.SIG_BLOCK, self._before)
+    def block(self) -> None:
+        """Block the signals until the program that replaces this one handles them."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, self._previous_handlers)
 
     def take_events(self) -> tuple[Event, ...]:
         """Return the events of the signals since the last call."""
@@ -81,7 +81,7 @@ class Signals:
         self.stopping = True
 
     def _continue(self, number: int, _frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_IGN)  # reported once; further ones have no cost
+        signal.signal(number, signal.SIG_IGN)  # further ones are not reported
         self._signals.append(number)
 
 
@@ -90,8 +90,8 @@ def _event(number: int) -> Event:
         name = signal.Signals(number).name
     except ValueError:
         name = f"SIGRTMIN+{number - signal.SIGRTMIN}"
-    known = signal.Signals(number) if number in TABLE else None
-    if known is not None and TABLE[known] is Action.STOP:
+    known_signal = signal.Signals(number) if number in TABLE else None
+    if known_signal is not None and TABLE[known_signal] is Action.STOP:
         return Event(Severity.WARNING, f"{name}: autopilot ends, rudder centred")
-    reason = "not used" if known is None else REASONS.get(known, "not used")
+    reason = "not used" if known_signal is None else REASONS.get(known_signal, "not used")
     return Event(Severity.WARNING, f"{name}: {reason}; autopilot continues")

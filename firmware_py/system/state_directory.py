@@ -1,6 +1,6 @@
 """The state that is stored over restarts: parameters, plans, resume record, signing key.
 
-Unusable parts are reported and left out.
+Unusable parts are reported and omitted.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ RECORD_FILES: Final = (RESUME_FILE, ENDINGS_FILE, SATELLITE_FILE)
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
-MAX_UNUSABLE_PARAMETERS: Final = 200  # more than a version adds
-# Consequences if no version of a name is left.
-_REPLACEMENTS: Final = {
+MAX_UNUSABLE_PARAMETERS: Final = 200  # more than one version adds
+# Consequences if a name has no valid version.
+_CONSEQUENCES: Final = {
     PARAMETER_FILE: "the vehicle file's parameters are used",
     PLAN_FILES[PlanKind.MISSION]: "there is no mission",
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
@@ -46,19 +46,19 @@ _REPLACEMENTS: Final = {
     ENDINGS_FILE: "records of earlier runs are lost",
     SATELLITE_FILE: "message budget reset, earlier messages are ignored",
 }
-STATE_NAMES: Final = (*_REPLACEMENTS, SIGNING_FILE)  # all names of a state
+STATE_NAMES: Final = (*_CONSEQUENCES, SIGNING_FILE)
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
 class StateReader(Protocol):
-    """A reader of the names of a state directory: the store, or `StateFiles` without the lock."""
+    """Interface for reading a state directory: the store, or `StateFiles` without the lock."""
 
     def load(self, name: str) -> bytes | None:
         """Return the newest valid version, or None."""
 
     def examine(self, name: str) -> Stored:
-        """Return the newest valid version, and the problems of the slots."""
+        """Return the newest valid version and the problems of the slots."""
 
 
 class StateFiles(msgspec.Struct, frozen=True):
@@ -71,55 +71,55 @@ class StateFiles(msgspec.Struct, frozen=True):
         return self.examine(name).content
 
     def examine(self, name: str) -> Stored:
-        """Return the newest valid version, and the problems of the slots."""
-        secret = name == SIGNING_FILE and self.directory.is_dir()
-        return stored_key(self.directory) if secret else examine(self.directory, name)
+        """Return the newest valid version and the problems of the slots."""
+        is_key = name == SIGNING_FILE and self.directory.is_dir()
+        return read_key(self.directory) if is_key else examine(self.directory, name)
 
 
-def report_damage(store: StateReader, say: Callable[[str], None]) -> None:
-    """Report damaged, unreadable and missing slots and the consequences, before the first write.
+def report_damage(store: StateReader, report: Callable[[str], None]) -> None:
+    """Report damaged, unreadable and missing slots and the consequences; call it before the first write.
 
-    `firmware_py.assemble.stored_state` reports those of the signing key.
+    `firmware_py.assemble.stored_state` reports the slots of the signing key.
     """
-    for name, replacement in _REPLACEMENTS.items():
+    for name, consequence in _CONSEQUENCES.items():
         stored = store.examine(name)
         if stored.damage:
-            used = replacement if stored.content is None else OTHER_SLOT
-            say(f"{stored.damage}: {used}")
+            effect = consequence if stored.content is None else OTHER_SLOT
+            report(f"{stored.damage}: {effect}")
 
 
 class StateDirectory:
-    """Reads the state of earlier runs from the store and saves the new state; a StateWriter."""
+    """StateWriter that reads the state of earlier runs from the store and saves the new state."""
 
-    def __init__(self, store: Store, say: Callable[[str], None]) -> None:
-        """Read the parameters; `say` reports each unusable item."""
-        self._store, self._say = store, say
-        self._usable, unusable = load_parameters(store, say)
-        self._saved_values = unusable | self._usable
-        self._plans = Plans()  # active plans that are stored
-        self._changed_kinds: set[PlanKind] = set()  # plans changed since the start
+    def __init__(self, store: Store, report: Callable[[str], None]) -> None:
+        """Read the parameters; `report` is called for each unusable item."""
+        self._store, self._report = store, report
+        self._usable_values, unusable = load_parameters(store, report)
+        self._saved_values = unusable | self._usable_values
+        self._plans = Plans()  # the plans in the store
+        self._changed_kinds: set[PlanKind] = set()  # kinds of plans that were replaced since the start
         store.on_mount((PARAMETER_FILE, *PLAN_FILES.values()), self._merge_late_state)
 
     def count_start(self) -> None:
         """Increment the boot count."""
-        count = self._usable[BOOT_COUNT] = _incremented(self._usable.get(BOOT_COUNT, 0.0))
+        count = self._usable_values[BOOT_COUNT] = _increment_boot_count(self._usable_values.get(BOOT_COUNT, 0.0))
         self.save_parameters({BOOT_COUNT: count})
 
     def inventory(self, plans: Plans) -> str:
-        """Return a summary of the loaded state."""
-        counts = [f"{len(self._usable)} parameters"]
+        """Return a summary of the loaded parameters and plans."""
+        counts = [f"{len(self._usable_values)} parameters"]
         counts += [f"{kind.name.lower()} of {len(plans.of(kind).items)} items" for kind in PlanKind]
         return ", ".join(counts)
 
-    def parameters_over(self, base: ParameterSet) -> ParameterSet:
-        """Return the parameters with the stored values applied."""
-        for name, value in self._usable.items():
+    def apply_parameters(self, base: ParameterSet) -> ParameterSet:
+        """Return the parameters with the stored values in place of those of `base`."""
+        for name, value in self._usable_values.items():
             base = base.replaced(name, value)
         return base
 
     def plans(self) -> Plans:
-        """Return the plans of earlier runs."""
-        self._plans = load_plans(self._store, self._say)
+        """Load and return the plans of earlier runs."""
+        self._plans = load_plans(self._store, self._report)
         return self._plans
 
     def resume_record(self) -> bytes | None:
@@ -132,7 +132,7 @@ class StateDirectory:
         self._save_parameters()
 
     def clear_parameters(self) -> None:
-        """Remove all stored parameters; on an error none is removed."""
+        """Remove all stored parameters; after an error all are still stored."""
         removed = dict(self._saved_values)
         self._saved_values.clear()
 
@@ -144,15 +144,15 @@ class StateDirectory:
         self._store.try_save(PARAMETER_FILE, b"", restore)
 
     def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
-        """Replace the stored plan of the same kind, which stays on an error; `done` receives the result."""
+        """Replace the stored plan of the same kind; after an error the old one remains. `done` receives the result."""
 
-        def note(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+        def store_result(stored: bool) -> None:  # noqa: FBT001 - the store's callback
             if stored:
                 self._plans = self._plans.replaced(plan)
                 self._changed_kinds.add(plan.kind)
             done(stored)
 
-        self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), note)
+        self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), store_result)
 
     def save_resume(self, record: bytes) -> None:
         """Replace the resume record."""
@@ -166,23 +166,23 @@ class StateDirectory:
         """Call back on the loop's thread when the resume record is on disk, with False on an error."""
         self._store.when_stored((RESUME_FILE,), call)
 
-    def _merge_late_state(self, found: Mapping[str, Stored]) -> None:
+    def _merge_late_state(self, contents: Mapping[str, Stored]) -> None:
         """Merge the content of a directory that was mounted late with the values set since the start.
 
-        If it has no plan of a kind, as after formatting, the active one is saved.
+        A plan that was replaced since the start, or that is missing in the directory, is saved.
         """
-        stored = found[PARAMETER_FILE]
-        values, unusable = read_parameters(stored.content, self._say)
+        stored = contents[PARAMETER_FILE]
+        values, unusable = read_parameters(stored.content, self._report)
         self._saved_values = unusable | values | self._saved_values
         if BOOT_COUNT in values:
-            self._saved_values[BOOT_COUNT] = _incremented(values[BOOT_COUNT])
-        self._say("State directory mounted: its content is used from the next start")
+            self._saved_values[BOOT_COUNT] = _increment_boot_count(values[BOOT_COUNT])
+        self._report("State directory mounted: its content is used from the next start")
         if stored.damage:
-            self._say(stored.damage)
+            self._report(stored.damage)
         self._save_parameters()
         for kind, name in PLAN_FILES.items():
             plan = self._plans.of(kind)
-            if kind in self._changed_kinds or (plan.items and found[name].content is None):
+            if kind in self._changed_kinds or (plan.items and contents[name].content is None):
                 self._store.save_if_idle(name, plan_to_text(plan).encode())
 
     def _save_parameters(self) -> None:
@@ -190,7 +190,7 @@ class StateDirectory:
 
 
 class KeyVault(msgspec.Struct, frozen=True):
-    """A Vault in the store, by default for the signing key."""
+    """Vault in the store for a secret, by default the signing key."""
 
     store: Store
     name: str = SIGNING_FILE
@@ -201,10 +201,10 @@ class KeyVault(msgspec.Struct, frozen=True):
 
     def on_mount(self, call: Callable[[Stored], None]) -> None:
         """Call back on the loop's thread with the content of a directory that was mounted after the start."""
-        self.store.on_mount((self.name,), lambda found: call(found[self.name]))
+        self.store.on_mount((self.name,), lambda contents: call(contents[self.name]))
 
     def save(self, content: bytes, *, both_slots: bool = False) -> None:
-        """Save the content in the background; `both_slots`: overwrite all earlier content."""
+        """Save the content in the background; with `both_slots`, overwrite all earlier content."""
         self.store.save(self.name, content, both_slots=both_slots)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
@@ -212,39 +212,39 @@ class KeyVault(msgspec.Struct, frozen=True):
         self.store.when_stored((self.name,), call)
 
 
-def _incremented(count: float) -> float:
+def _increment_boot_count(count: float) -> float:
     return min(count + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
 
 
-def stored_key(directory: Path) -> Stored:
+def read_key(directory: Path) -> Stored:
     """Return the signing key of a state directory; safe while an autopilot is writing."""
     return examine(directory, SIGNING_FILE, directory.stat().st_uid)
 
 
-def exposed_key_files(directory: Path) -> tuple[str, ...]:
-    """Return the names of the signing key files that other users may read."""
-    exposed = []
+def find_exposed_key_files(directory: Path) -> tuple[str, ...]:
+    """Return the names of the slots of the signing key that other users may read."""
+    exposed_names = []
     for path in (slot_path(directory, SIGNING_FILE, slot) for slot in SLOTS):
         try:
             mode = path.stat().st_mode
         except OSError:  # reported elsewhere
             continue
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
-            exposed.append(path.name)
-    return tuple(exposed)
+            exposed_names.append(path.name)
+    return tuple(exposed_names)
 
 
-def load_parameters(store: StateReader, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+def load_parameters(store: StateReader, report: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
     """Return the result of `read_parameters` for the stored parameters."""
-    return read_parameters(store.load(PARAMETER_FILE), say)
+    return read_parameters(store.load(PARAMETER_FILE), report)
 
 
-def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+def read_parameters(content: bytes | None, report: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
     """Return the stored parameter values, and those that this version cannot use.
 
-    The latter are reported. They stay in the store for the version that knows them, until all parameters are cleared or
-    the parameter is set again. A line without name and value is reported and removed. After
-    MAX_UNUSABLE_PARAMETERS unusable lines the rest is not read.
+    Unusable values are reported. They stay in the store for the version that can use them, until all parameters are
+    cleared or the parameter is set again. A line without name and value is reported and removed. After
+    MAX_UNUSABLE_PARAMETERS unusable lines, the rest is ignored.
     """
     values: dict[str, float] = {}
     unusable: dict[str, float] = {}
@@ -258,40 +258,40 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
             name, value = _name_and_value(line)
             if name:
                 unusable[name] = value
-            say(f"stored parameter ignored{', kept for another version' if name else ''}: {error}")
+            report(f"stored parameter ignored{', kept for another version' if name else ''}: {error}")
             if (problems := problems + 1) == MAX_UNUSABLE_PARAMETERS:
-                say(f"stored {PARAMETER_FILE}: lines after {number} are ignored")
+                report(f"stored {PARAMETER_FILE}: lines after {number} are ignored")
                 break
     return values, {name: value for name, value in unusable.items() if name not in values}
 
 
 def _name_and_value(line: str) -> tuple[str, float]:
-    """Split a stored line; the name is empty if it cannot be a parameter of another version."""
+    """Split a stored line; the name is empty if the line cannot be a parameter of another version."""
     match = _LINE.fullmatch(line)
     value = float(match[2]) if match else math.nan
     return (match[1], value) if match and math.isfinite(value) else ("", value)
 
 
-def load_plans(store: StateReader, say: Callable[[str], None]) -> Plans:
-    """Return the stored plans; an unusable one is reported and left out."""
+def load_plans(store: StateReader, report: Callable[[str], None]) -> Plans:
+    """Return the stored plans; report and omit unusable ones."""
     plans = Plans()
     for kind, name in PLAN_FILES.items():
         content = store.load(name)
         if content is None:
             continue
         try:
-            plan, notes = checked_plan(kind, content.decode("ascii", "replace"))
+            plan, notes = parse_stored_plan(kind, content.decode("ascii", "replace"))
         except ValueError as error:
-            say(f"stored {name} ignored: {error}")
+            report(f"stored {name} ignored: {error}")
             continue
         plans = plans.replaced(plan)
         for note in notes:
-            say(f"stored {name}: {note}")
+            report(f"stored {name}: {note}")
     return plans
 
 
-def checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
-    """Return the stored plan of a kind and notes on differences of another version; raises ValueError."""
+def parse_stored_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
+    """Parse a stored plan of a kind; return it with notes on differences of another version. Raises ValueError."""
     plan, notes = plan_from_text(text)
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")

@@ -1,8 +1,7 @@
 """Export of the state as one file: a line with format, length and SHA-256, then JSON with the content of each name.
 
-Texts are stored as such, records (`NAME.record`) as base64.
-
-In a state directory, such a file named PENDING_IMPORT is an import that is in force and not yet in the slots.
+Texts are stored unchanged, records (`NAME.record`) as base64. In a state directory, an export named PENDING_IMPORT is
+an import that has priority over the slots until it is written into them.
 """
 
 from __future__ import annotations
@@ -20,36 +19,35 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.files.reading import UNFIT, read_regular
+from firmware_py.files.reading import UNUSABLE, read_regular
 from firmware_py.files.writing import PRIVATE_MODE, set_aside, sync_directory, write_atomically
 
-RECORD_ENDING: Final = ".record"  # binary records of this program; everything else is text
+RECORD_SUFFIX: Final = ".record"  # of binary records; other contents are texts
 FORMAT: Final = 2  # in format 1 the records were texts
 MAX_EXPORT_BYTES: Final = 64 << 20  # more than the escaped content of all slots
-# Maximum size of a slot by the suffix of its name.
-KEY_ENDING: Final = ".key"
-_LARGEST_BYTES: Final = {".plan": 4 << 20, KEY_ENDING: 64 << 10}
-_LARGEST_BYTES_ELSE: Final = 1 << 20
+KEY_SUFFIX: Final = ".key"
+_MAX_SLOT_BYTES: Final = {".plan": 4 << 20, KEY_SUFFIX: 64 << 10}
+_DEFAULT_MAX_SLOT_BYTES: Final = 1 << 20
 MAX_HEAD_BYTES: Final = 64  # of a slot
 MAX_ABOUT_ENTRIES, MAX_ABOUT_CHARACTERS = 8, 200
 PENDING_IMPORT: Final = "import.awaited"
-_DONE: Final = ".import.done"
+_FINISHED_IMPORT: Final = ".import.done"
 _HEAD = re.compile(rb"# rambler exported state (\d{1,9}) (\d{1,12}) ([0-9a-f]{64})\n")
 _NAME = re.compile(r"[a-z]{1,32}\.[a-z]{1,8}")  # of a state file; no path separators
 _ANY_HEAD = b"# rambler exported state "
 
 
 class BrokenExportError(ValueError):
-    """The file is not an exported state, or not readable by this version; the text names the remedy."""
+    """The file is not an exported state or not readable by this version; the text names the remedy."""
 
 
-def largest_bytes(name: str) -> int:
+def max_slot_bytes(name: str) -> int:
     """Return the maximum slot size of a name."""
-    return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
+    return _MAX_SLOT_BYTES.get(Path(name).suffix, _DEFAULT_MAX_SLOT_BYTES)
 
 
 class Export(msgspec.Struct, frozen=True):
-    """The content of each name, None for an empty one; `about` describes its origin."""
+    """The content of each name, None if it is empty; `about` describes the origin of the export."""
 
     files: Mapping[str, bytes | None]
     about: Mapping[str, str] = msgspec.field(default_factory=dict)
@@ -60,28 +58,28 @@ class Export(msgspec.Struct, frozen=True):
 
 
 def pack(export: Export) -> bytes:
-    """Return the content of an export file."""
+    """Encode an export as the content of a file."""
     files = {name: None if content is None else _to_text(name, content) for name, content in export.files.items()}
     body = json.dumps({"about": dict(export.about), "files": files}, indent=1).encode() + b"\n"
-    return b"# rambler exported state %d %d %s\n" % (FORMAT, len(body), _digest(body)) + body
+    return b"# rambler exported state %d %d %s\n" % (FORMAT, len(body), _sha256(body)) + body
 
 
 def unpack(data: bytes) -> Export:
-    """Parse the content of an export file; raises BrokenExportError."""
+    """Decode the content of an export file; raises BrokenExportError."""
     head = _HEAD.match(data)
     if head is None:
-        known = data.startswith(_ANY_HEAD)
-        raise BrokenExportError(f"is {'damaged' if known else 'not an exported state of rambler'}")
+        is_export = data.startswith(_ANY_HEAD)
+        raise BrokenExportError(f"is {'damaged' if is_export else 'not an exported state of rambler'}")
     if int(head[1]) != FORMAT:
         remedy = "use a newer version" if int(head[1]) > FORMAT else "export that state with this version"
         raise BrokenExportError(f"has format {int(head[1])}, this version reads {FORMAT}; {remedy}")
     body = data[head.end() :]
-    if len(body) != int(head[2]) or _digest(body) != head[3]:
+    if len(body) != int(head[2]) or _sha256(body) != head[3]:
         raise BrokenExportError("is damaged")
     try:
         content = json.loads(body)
         texts = content["files"].items()
-        files = {_name(name): None if text is None else _from_text(name, text) for name, text in texts}
+        files = {_check_name(name): None if text is None else _from_text(name, text) for name, text in texts}
         about = list(content["about"].items())[:MAX_ABOUT_ENTRIES]
         limit = MAX_ABOUT_CHARACTERS
         return Export(files, {str(key)[:limit]: str(value)[:limit] for key, value in about})
@@ -91,9 +89,9 @@ def unpack(data: bytes) -> Export:
 
 
 def begin_import(directory: Path, export: Export) -> None:
-    """Write an import into a directory locked by this process; from then on it is in force.
+    """Write an import into a directory that this process has locked; from then on it has priority over the slots.
 
-    On OSError nothing has changed, unless its strerror says that the next start may find the import nevertheless.
+    On OSError nothing has changed, unless strerror says that the next start may find the import nevertheless.
     """
     path = directory / PENDING_IMPORT
     try:
@@ -109,40 +107,40 @@ def begin_import(directory: Path, export: Export) -> None:
 
 
 def pending_import(directory: Path) -> Export | None:
-    """Return the import that is in force and not yet in the slots, None without one.
+    """Return the import that is not yet in the slots, None without one.
 
-    Raises BrokenExportError for an invalid file, also if its owner is not that of the directory, and OSError.
+    Raises OSError, and BrokenExportError for an invalid file or one that does not belong to the owner of the directory.
     """
     path = directory / PENDING_IMPORT
     try:
         if path.lstat().st_uid != directory.stat().st_uid:
             raise BrokenExportError("belongs to another user")  # noqa: TRY301 - reported with the name like the others
-        return unpack(read_regular(path, MAX_EXPORT_BYTES, follow=False))
+        return unpack(read_regular(path, MAX_EXPORT_BYTES, follow_symlinks=False))
     except (FileNotFoundError, NotADirectoryError):
         return None
     except BrokenExportError as error:
         raise BrokenExportError(f"{PENDING_IMPORT} {error}") from None
     except OSError as error:
-        if error.errno not in UNFIT:
+        if error.errno not in UNUSABLE:
             raise
         raise BrokenExportError(f"{PENDING_IMPORT} {error.strerror}") from None
 
 
 def end_import(directory: Path) -> None:
-    """Remove an import that is in the slots; its content is overwritten. Raises OSError."""
-    done = directory / _DONE
-    os.replace(directory / PENDING_IMPORT, done)  # noqa: PTH105
+    """Overwrite and remove an import that is in the slots. Raises OSError."""
+    finished_import = directory / _FINISHED_IMPORT
+    os.replace(directory / PENDING_IMPORT, finished_import)  # noqa: PTH105
     sync_directory(directory)
     remove_leftovers(directory)
 
 
 def remove_leftovers(directory: Path) -> None:
     """Overwrite and remove unused files of interrupted imports. Raises OSError."""
-    for name in (_DONE, f".{PENDING_IMPORT}.new"):
-        _wipe(directory / name)
+    for name in (_FINISHED_IMPORT, f".{PENDING_IMPORT}.new"):
+        _overwrite_and_remove(directory / name)
 
 
-def _wipe(path: Path) -> None:
+def _overwrite_and_remove(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError):
         status = path.lstat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_EXPORT_BYTES:
@@ -157,12 +155,12 @@ def _wipe(path: Path) -> None:
         os.unlink(path)  # noqa: PTH108
 
 
-def _digest(body: bytes) -> bytes:
+def _sha256(body: bytes) -> bytes:
     return hashlib.sha256(body).hexdigest().encode()
 
 
 def _to_text(name: str, content: bytes) -> str:
-    if name.endswith(RECORD_ENDING):
+    if name.endswith(RECORD_SUFFIX):
         return base64.b64encode(content).decode()
     return content.decode("utf-8", "replace")
 
@@ -170,13 +168,13 @@ def _to_text(name: str, content: bytes) -> str:
 def _from_text(name: str, value: object) -> bytes:
     if not isinstance(value, str):
         raise TypeError("a content is not a text")
-    content = base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
-    if len(content) > largest_bytes(name) - MAX_HEAD_BYTES:
-        raise ValueError(f"{name} is larger than {largest_bytes(name) >> 10} KiB")
+    content = base64.b64decode(value, validate=True) if name.endswith(RECORD_SUFFIX) else value.encode()
+    if len(content) > max_slot_bytes(name) - MAX_HEAD_BYTES:
+        raise ValueError(f"{name} is larger than {max_slot_bytes(name) >> 10} KiB")
     return content
 
 
-def _name(value: str) -> str:
+def _check_name(value: str) -> str:
     if not _NAME.fullmatch(value):
         raise ValueError(f"{value[:40]!r} is not a valid name")
     return value

@@ -22,12 +22,10 @@ from firmware_py.system.readings import Values, device_values, position_values, 
 from firmware_py.system.status_file import StatusFile
 
 INTERVAL_S = 1.0
-MAX_EVENTS = 30  # the newest
-RATE_INTERVALS = 10  # the rate of a device is a mean over this number of intervals
-_PEER = tuple(field.name for field in fields(PeerStatus))
-
-
-MAX_VESSELS_LISTED = 5
+MAX_EVENTS = 30  # the newest events are listed
+RATE_INTERVALS = 10  # over which the rate of a device is averaged
+MAX_LISTED_VESSELS = 5
+_PEER_FIELDS = tuple(field.name for field in fields(PeerStatus))
 
 
 def _rudder(snapshot: Snapshot) -> Values:
@@ -141,7 +139,7 @@ def _power(snapshot: Snapshot) -> Values:
 _COEFFICIENTS = ("a_deg", "b_deg", "c_deg", "d_deg", "e_deg")
 
 
-def calibration(swing: SwingReport) -> Values:
+def calibration_values(swing: SwingReport) -> Values:
     """Return the state and the result of a compass swing; empty without one."""
     if swing.state is CalibrationState.NONE:
         return {}
@@ -159,17 +157,17 @@ def calibration(swing: SwingReport) -> Values:
 
 
 def _traffic(snapshot: Snapshot) -> Values:
-    """Return the number of vessels and the most important ones: in distress, approaching, then the nearest."""
+    """Return the number of vessels and the first ones in the order: in distress, approaching, nearest."""
     traffic = snapshot.traffic
     if traffic is None:
         return {}
-    seen = [vessel for vessel in traffic.vessels if vessel.distance_m is not None]
-    seen.sort(key=lambda vessel: (not vessel.distress, vessel.near_s is None, vessel.distance_m))
+    vessels_by_urgency = [vessel for vessel in traffic.vessels if vessel.distance_m is not None]
+    vessels_by_urgency.sort(key=lambda vessel: (not vessel.distress, vessel.near_s is None, vessel.distance_m))
     return {
         "vessels": len(traffic.vessels),
         "no_room_for": traffic.rejected,
         "aside_deg": rounded(traffic.aside_rad, 0, compass_degrees),
-        "nearest": [_vessel(vessel, snapshot.t_s) for vessel in seen[:MAX_VESSELS_LISTED]],
+        "nearest": [_vessel(vessel, snapshot.t_s) for vessel in vessels_by_urgency[:MAX_LISTED_VESSELS]],
     }
 
 
@@ -188,7 +186,7 @@ def _vessel(vessel: Vessel, now_s: float) -> Values:
     }
 
 
-# The sections of the JSON: name and function.
+# Sections of the JSON: name, and the function that returns the values.
 SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "rudder": _rudder,
     "position": _position,
@@ -202,9 +200,9 @@ SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
 
 
 class StatusSources(msgspec.Struct, frozen=True):
-    """The sources of a status in addition to the snapshot; `about` is constant while the process runs.
+    """The sources of a status in addition to the snapshot.
 
-    `ports` has driver and port of each device.
+    `about` contains values that are constant while the process runs, `ports` driver and port of each device.
     """
 
     about: Mapping[str, Any]
@@ -218,19 +216,21 @@ class StatusSources(msgspec.Struct, frozen=True):
     utc_s: Callable[[], float]
     machine_s: Callable[[], float]
     swing: Callable[[], SwingReport]
-    update: Callable[[], str]  # state of a version on trial or withdrawn, otherwise empty
+    update: Callable[[], str]  # state of a version on trial or withdrawn; empty without one
 
 
 class StatusReporter:
     """Writes the status every INTERVAL_S; an error is reported once and does not affect the loop."""
 
-    def __init__(self, sources: StatusSources, file: StatusFile, say: Callable[[str], None]) -> None:
-        """Set the sources, the file and the function that reports to the operator."""
-        self._sources, self._file, self._say = sources, file, say
+    def __init__(self, sources: StatusSources, file: StatusFile, report: Callable[[str], None]) -> None:
+        """Store the sources, the file and the function that reports to the operator."""
+        self._sources, self._file, self._report = sources, file, report
         self._due_s = -math.inf
-        self._complaint = ""
+        self._last_problem = ""
         self._events: deque[Values] = deque(maxlen=MAX_EVENTS)
-        self._last_message: dict[DeviceRole, tuple[int, float]] = {}  # number of messages, time of the last increase
+        self._last_message: dict[
+            DeviceRole, tuple[int, float]
+        ] = {}  # number of messages and the time of its last increase
         self._counts: deque[tuple[float, Mapping[DeviceRole, int]]] = deque(maxlen=RATE_INTERVALS + 1)
 
     def update(self, output: Output, now_s: float) -> None:
@@ -242,18 +242,18 @@ class StatusReporter:
         self._due_s = now_s + INTERVAL_S
         try:
             self._file.write(json.dumps(self._status(output.snapshot, now_s), allow_nan=False).encode())
-            self._complaint = ""
+            self._last_problem = ""
         except Exception as error:  # noqa: BLE001 - the status must not end a voyage
-            self._complain(f"Status file not written: {getattr(error, 'strerror', None) or repr(error)}")
+            self._report_once(f"Status file not written: {getattr(error, 'strerror', None) or repr(error)}")
 
     def close(self) -> None:
         """Remove the status file."""
         self._file.remove()
 
-    def _complain(self, text: str) -> None:
-        if text != self._complaint:
-            self._complaint = text
-            self._say(text)
+    def _report_once(self, text: str) -> None:
+        if text != self._last_problem:
+            self._last_problem = text
+            self._report(text)
 
     def _status(self, snapshot: Snapshot, now_s: float) -> Values:
         sources = self._sources
@@ -270,8 +270,8 @@ class StatusReporter:
             "events": list(self._events),
             "plan_identities": list(snapshot.mission.identities),
             "devices": self._devices(now_s),
-            **{name: make(snapshot) for name, make in SECTIONS.items()},
-            "calibration": calibration(sources.swing()),
+            **{name: values_of(snapshot) for name, values_of in SECTIONS.items()},
+            "calibration": calibration_values(sources.swing()),
             "links": [_link(link) for link in sources.links(now_s)],
             "state_written": {"versions": versions, "bytes": written_bytes},
             "loop": {
@@ -286,21 +286,21 @@ class StatusReporter:
     def _devices(self, now_s: float) -> list[Values]:
         devices = self._sources.devices()
         self._counts.append((now_s, {role: health.accepted for role, health in devices.items()}))
-        begun_s, before = self._counts[0]
-        listed = []
+        first_s, first_counts = self._counts[0]
+        rows = []
         for role, health in devices.items():
             if role is DeviceRole.LINK:
-                continue  # its peers are listed separately
+                continue  # the peers are listed in their own section
             driver, port = self._sources.ports.get(role, ("", ""))
-            counts = role in self._sources.ports and role in before and now_s > begun_s
-            rate_hz = max(0, health.accepted - before[role]) / (now_s - begun_s) if counts else None
+            has_rate = role in self._sources.ports and role in first_counts and now_s > first_s
+            rate_hz = max(0, health.accepted - first_counts[role]) / (now_s - first_s) if has_rate else None
             if role in self._sources.ports and health.accepted != self._last_message.get(role, (0, 0.0))[0]:
                 self._last_message[role] = (health.accepted, now_s)
             values = device_values(role.name.lower(), driver, port, health, rate_hz)
             if role in self._last_message:
                 values["age_s"] = round(now_s - self._last_message[role][1], 1)  # accurate to INTERVAL_S
-            listed.append(values)
-        return listed
+            rows.append(values)
+        return rows
 
 
 def _condition(snapshot: Snapshot) -> Values:
@@ -331,7 +331,7 @@ def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
 
 
 def _link(link: LinkStatus) -> Values:
-    peer_values = [{name: getattr(peer, name) for name in _PEER} for peer in link.peers]
+    peer_values = [{name: getattr(peer, name) for name in _PEER_FIELDS} for peer in link.peers]
     peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in peer_values]
     values: Values = {"url": link.url, "rates": link.rates, "hindrance": link.blocked_reason, "peers": peers}
     if (satellite := link.satellite) is not None:

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from firmware_py.common.records import Progress, Stored
 from firmware_py.files.writing import set_aside
 from firmware_py.system.directory_lock import DirectoryLock, InUseError, StoreError
-from firmware_py.system.slots import SlotWriter, earlier_name, earlier_slots, examine, is_secret
+from firmware_py.system.slots import SlotWriter, earlier_name, examine, find_earlier_slots, is_secret
 from firmware_py.system.state_export import (
     PENDING_IMPORT,
     BrokenExportError,
@@ -35,9 +35,10 @@ _MOUNTING = "the state directory is being loaded"
 
 
 class Job(msgspec.Struct, frozen=True):
-    """A version to write; None: withdraw the failed one. `once`: do not retry.
+    """A version to write, or None to withdraw a failed version.
 
-    `both_slots`: write into both slots. `aside`: only rename the slots of an earlier version of this record.
+    `once`: do not retry. `both_slots`: write into both slots. `aside`: do not write, but rename the slots of this
+    record that an earlier version of the program wrote.
     """
 
     content: bytes | None
@@ -47,14 +48,14 @@ class Job(msgspec.Struct, frozen=True):
 
 
 class Failure(msgspec.Struct, frozen=True):
-    """The error of a name, and the remaining job."""
+    """The error of a name, and the job to repeat."""
 
     text: str
     job: Job
 
 
 def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Failure | None:
-    """Do a job unless there is a problem with the lock; return the failure, or None."""
+    """Do a job, unless the directory is not locked; return the failure, or None."""
     if lock_problem:
         return Failure(f"{name} cannot be stored: {lock_problem}", Job(None) if job.once else job)
     try:
@@ -74,22 +75,22 @@ def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Fai
 
 
 def finish_import(directory: Path) -> str:
-    """Write a pending import into the slots of a locked directory before any other write.
+    """Write a pending import into the slots of a locked directory; call it before any other write.
 
-    An unusable import is set aside; returns its problem. Raises StoreError on a disk error.
+    An unusable import is renamed and its problem returned. Raises StoreError on a disk error.
     """
     try:
         remove_leftovers(directory)
-        pending = pending_import(directory)
-        if pending is None:
+        import_ = pending_import(directory)
+        if import_ is None:
             return ""
-        writer = SlotWriter(directory, frozenset(filter(is_secret, pending.files)))
+        writer = SlotWriter(directory, frozenset(filter(is_secret, import_.files)))
         try:
-            for name in pending.files:
-                content = pending.content(name)
+            for name in import_.files:
+                content = import_.content(name)
                 if content is None:
                     writer.clear(name)
-                for _ in range(0 if content is None else 1 + is_secret(name)):  # both slots of a secret
+                for _ in range(0 if content is None else 1 + is_secret(name)):  # a secret is written to both slots
                     writer.write(name, content or b"")
                 writer.set_aside(name)
         finally:
@@ -106,8 +107,11 @@ def finish_import(directory: Path) -> str:
 
 
 @dataclass(slots=True)
-class _Waiting:
-    """A callback that waits for a number of saves of each name; `is_ok`: no completed one has failed."""
+class _PendingCallback:
+    """A callback that waits for saves of names.
+
+    `saves` is the required number of completed saves of each name; `is_ok` is False after a failed one.
+    """
 
     saves: dict[str, int]
     call: Callable[[bool], None]
@@ -117,21 +121,21 @@ class _Waiting:
 class Store:
     """Named byte strings in a directory that only this process uses.
 
-    `save` returns at once; `when_stored` calls back when names are on disk. The callbacks run in `service`, on the
-    caller's thread, when `fileno` is readable.
+    `save` returns at once; `when_stored` calls back when names are on disk. When `fileno` is readable, the caller runs
+    the callbacks with `service`.
     """
 
     def __init__(self, directory: Path, private: Collection[str] = (), *, wait: bool = False) -> None:
-        """Create and lock the directory, start the writer; raises StoreError.
+        """Create and lock the directory, and start the writer; raises StoreError.
 
         Only the owner may read the names in `private`. With `wait`, only a lock by another process is an error; any
-        other problem is a `failure` and is retried.
+        other problem becomes a `failure` and is retried.
         """
         self._directory = directory
         self._private = frozenset(private)
         self._directory_lock = DirectoryLock(directory)
-        self.start_problem = ""  # why the directory was not fully locked at the start
-        self._lock_problem = ""  # why the directory is not locked now and nothing can be written
+        self.start_problem = ""  # why the directory was not completely locked at the start
+        self._lock_problem = ""  # why the directory is not locked now, so that nothing can be written
         try:
             self.start_problem = self._directory_lock.acquire(strict=not wait)
             self.start_problem = finish_import(directory) or self.start_problem
@@ -145,18 +149,18 @@ class Store:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._idle = threading.Condition(self._lock)
-        self._wake: SimpleQueue[bool] = SimpleQueue()  # wakes the writer at half the cost of a condition; True: end
+        self._wake: SimpleQueue[bool] = SimpleQueue()  # wakes the writer, faster than a condition; True: end
         self._jobs: dict[str, Job] = {}
         self._requested: dict[str, int] = {}  # number of requested saves by name
         self._completed: dict[str, int] = {}  # number of completed saves by name, including failed ones
-        self._saves = 0  # requested saves of all names; changed by the caller's thread
-        self._finished = 0  # completed saves of all names; changed by the writer
+        self._requested_saves = 0  # requested saves of all names; changed by the caller's thread
+        self._completed_saves = 0  # completed saves of all names; changed by the writer
         self._attempts = 0  # completed saves including repeated ones
-        self._idle_at = (-1, -1)  # saves and attempts when there were no jobs and no callbacks
+        self._idle_at = (-1, -1)  # `_requested_saves` and `_attempts` when there were no jobs and no callbacks
         self._failed: dict[str, Failure] = {}
         self._written = (0, 0)
-        self._waiting: deque[_Waiting] = deque()
-        self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
+        self._pending_callbacks: deque[_PendingCallback] = deque()
+        self._due_callbacks: deque[tuple[Callable[[bool], None], bool]] = deque()
         self._mount_callbacks: list[tuple[Collection[str], Callable[[Mapping[str, Stored]], None]]] = []
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         try:
@@ -167,7 +171,7 @@ class Store:
 
     @property
     def failure(self) -> str:
-        """The errors of names that are not on disk, or of the lock; empty for none."""
+        """The errors of names that are not on disk, or of the lock; empty without errors."""
         with self._lock:
             return "; ".join(failure.text for failure in self._failed.values()) or self._lock_problem
 
@@ -180,42 +184,42 @@ class Store:
         return self.examine(name).content
 
     def examine(self, name: str) -> Stored:
-        """Return the newest valid version, and the problems of the slots."""
+        """Return the newest valid version and the problems of the slots."""
         return examine(self._directory, name, os.geteuid() if name in self._private else None)
 
     def save(self, name: str, content: bytes, *, both_slots: bool = False) -> None:
-        """Queue a new version, which is retried until it is on disk or replaced by a newer one.
+        """Queue a new version; writing is retried until it is on disk or a newer version is queued.
 
-        `both_slots`: write both slots, so that no earlier version remains.
+        With `both_slots`, both slots are written, so that no earlier version remains.
         """
         with self._lock:
-            waiting = self._jobs.get(name)
-            self._queue(name, Job(content, both_slots=both_slots or (waiting is not None and waiting.both_slots)))
+            queued_job = self._jobs.get(name)
+            self._queue(name, Job(content, both_slots=both_slots or (queued_job is not None and queued_job.both_slots)))
 
     def save_if_idle(self, name: str, content: bytes) -> None:
-        """Queue a version like `save` unless one is queued, whose callback would get this result."""
+        """Queue a version like `save`, unless one is queued: its callback would get the result of this one."""
         with self._lock:
             if name not in self._jobs:
                 self._queue(name, Job(content))
 
     def set_aside(self, names: Collection[str]) -> None:
-        """Queue the renaming of slots of an earlier version of these records.
+        """Queue the renaming of the slots of these records that an earlier version of the program wrote.
 
-        Until then, `examine` does not read these records.
+        While such slots exist, `examine` does not read the records.
         """
         for name in names:
-            if earlier_slots(self._directory, name):
+            if find_earlier_slots(self._directory, name):
                 with self._lock:
                     self._queue(earlier_name(name), Job(None, aside=name))
 
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
         """Queue a new version without retry; `service` calls done(True) when it is on disk.
 
-        On an error it is withdrawn, so that the previous version is loaded at the next start: done(False).
+        On an error the version is withdrawn, so that the next start loads the previous one, and done(False) is called.
         """
         with self._lock:
             self._queue(name, Job(content, once=True))
-            self._waiting.append(_Waiting({name: self._requested[name]}, done))
+            self._pending_callbacks.append(_PendingCallback({name: self._requested[name]}, done))
 
     def when_stored(self, names: Collection[str], call: Callable[[bool], None]) -> None:
         """Run call(True) from `service` when the names are on disk as last saved, call(False) on an error.
@@ -233,16 +237,16 @@ class Store:
                 if (requested := self._requested.get(name, 0)) > self._completed.get(name, 0)
             }
             if saves:
-                self._waiting.append(_Waiting(saves, call, not withdrawn))
+                self._pending_callbacks.append(_PendingCallback(saves, call, not withdrawn))
             else:
-                self._due.append((call, True))
+                self._due_callbacks.append((call, True))
         if not saves:
             os.eventfd_write(self._wake_fd, 1)
 
     def on_mount(self, names: Collection[str], callback: Callable[[Mapping[str, Stored]], None]) -> None:
         """Run callback(content of the names) from `service` when a new directory is locked, before any write to it.
 
-        It did not exist at the start, or was mounted over the first one.
+        A new directory did not exist at the start, or was mounted over the first one.
         """
         self._mount_callbacks.append((names, callback))
 
@@ -253,36 +257,35 @@ class Store:
         except BlockingIOError:
             return
         with self._lock:
-            due, self._due = self._due, deque()
-        for call, stored in due:
+            due_callbacks, self._due_callbacks = self._due_callbacks, deque()
+        for call, stored in due_callbacks:
             call(stored)
 
     def settle(self) -> bool:
         """Wait until all jobs are done; return whether callbacks are due. Only for simulated time."""
-        if self._idle_at == (self._saves, self._attempts) and not self._due:
-            return False  # the usual case: called several times a tick
+        if self._idle_at == (self._requested_saves, self._attempts) and not self._due_callbacks:
+            return False  # the usual case, several times per tick
         with self._lock:
             self._idle.wait_for(
                 lambda: all(self._completed.get(name) == requested for name, requested in self._requested.items())
             )
-            if self._due:
+            if self._due_callbacks:
                 return True
             with contextlib.suppress(BlockingIOError):
-                os.eventfd_read(self._wake_fd)  # avoid a useless wake-up
-            self._idle_at = (self._saves, self._attempts)
+                os.eventfd_read(self._wake_fd)  # there is no callback to run
+            self._idle_at = (self._requested_saves, self._attempts)
             return False
 
     @property
     def written(self) -> tuple[int, int]:
-        """Versions written since the start, and their bytes in whole blocks of 4 KiB."""
+        """Number of versions written since the start, and their bytes in whole blocks of 4 KiB."""
         return self._written
 
     def progress(self) -> Progress:
         """Return the number of completed saves, and whether more are requested."""
-        thread, finished = self._thread, self._finished
-        return Progress(
-            "state store", self._saves > finished, finished, alive=thread.is_alive(), thread=thread.native_id
-        )
+        thread, completed = self._thread, self._completed_saves
+        is_busy = self._requested_saves > completed
+        return Progress("state store", is_busy, completed, alive=thread.is_alive(), thread=thread.native_id)
 
     def close(self) -> None:
         """Finish the queued saves, retry failed ones once, and release the directory."""
@@ -296,12 +299,12 @@ class Store:
         self._directory_lock.release()
 
     def _queue(self, name: str, job: Job) -> None:
-        """Pass a job to the writer; the lock must be held."""
-        first = not self._jobs
+        """Pass a job to the writer; the caller must have locked `_lock`."""
+        was_idle = not self._jobs
         self._jobs[name] = job
         self._requested[name] = self._requested.get(name, 0) + 1
-        self._saves += 1
-        if first:
+        self._requested_saves += 1
+        if was_idle:
             self._wake.put(False)
 
     def _write_jobs(self) -> None:
@@ -322,62 +325,63 @@ class Store:
                 jobs = dict(self._jobs)
                 for name, failure in self._failed.items() if retry else ():
                     jobs.setdefault(name, failure.job)
-                both = [name for name in jobs if name in self._failed and self._failed[name].job.both_slots]
-                jobs |= {name: replace(jobs[name], both_slots=True) for name in both}
+                for name in jobs.keys() & self._failed.keys():
+                    if self._failed[name].job.both_slots:
+                        jobs[name] = replace(jobs[name], both_slots=True)
                 requested = {name: self._requested[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
                 result = write_job(writer, name, job, self._lock_problem)
                 self._written = (writer.versions, writer.written_bytes)
-                self._settle(name, requested[name], result)
+                self._store_result(name, requested[name], result)
         writer.close()
 
     def _acquire_again(self) -> None:
-        """Try to lock the directory again; a new one is passed to the callbacks before any write to it."""
+        """Try to lock the directory again; pass the content of a new one to the callbacks before any write to it."""
         if self._lock_problem == _MOUNTING:
             return
-        before = self._directory_lock.identity
+        previous_identity = self._directory_lock.identity
         try:
             self._directory_lock.acquire(strict=False)
             finish_import(self._directory)
         except StoreError as error:
             self._lock_problem = str(error)
             return
-        if self._directory_lock.identity == before:
-            self._lock_problem = ""  # the same directory, with known content
+        if self._directory_lock.identity == previous_identity:
+            self._lock_problem = ""  # the same directory, whose content is known
             return
         callbacks = tuple(self._mount_callbacks)
-        found = {name: self.examine(name) for names, _call in callbacks for name in names}
+        contents = {name: self.examine(name) for names, _call in callbacks for name in names}
         self._lock_problem = _MOUNTING
 
         def run_callbacks(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
             for _names, call in callbacks:
-                call(found)
+                call(contents)
             self._lock_problem = ""
 
         with self._lock:
-            self._due.append((run_callbacks, True))
+            self._due_callbacks.append((run_callbacks, True))
         os.eventfd_write(self._wake_fd, 1)
 
-    def _settle(self, name: str, requested: int, failure: Failure | None) -> None:
-        """Store the result of a save of a name, and queue the callbacks that waited for it."""
+    def _store_result(self, name: str, requested: int, failure: Failure | None) -> None:
+        """Store the result of a save of a name, and queue the callbacks whose saves are all completed."""
         with self._lock:
-            self._finished += requested - self._completed.get(name, 0)
+            self._completed_saves += requested - self._completed.get(name, 0)
             self._attempts += 1
             self._completed[name] = requested
             if failure is None:
                 self._failed.pop(name, None)
             else:
                 self._failed[name] = failure
-            still: deque[_Waiting] = deque()
-            for waiter in self._waiting:
-                if waiter.saves.get(name, requested + 1) <= requested:
-                    del waiter.saves[name]
-                    waiter.is_ok &= failure is None
-                if waiter.saves:
-                    still.append(waiter)
+            still_pending: deque[_PendingCallback] = deque()
+            for pending_callback in self._pending_callbacks:
+                if pending_callback.saves.get(name, requested + 1) <= requested:
+                    del pending_callback.saves[name]
+                    pending_callback.is_ok &= failure is None
+                if pending_callback.saves:
+                    still_pending.append(pending_callback)
                 else:
-                    self._due.append((waiter.call, waiter.is_ok))
-            self._waiting = still
+                    self._due_callbacks.append((pending_callback.call, pending_callback.is_ok))
+            self._pending_callbacks = still_pending
             os.eventfd_write(self._wake_fd, 1)
             self._idle.notify_all()

@@ -1,4 +1,4 @@
-"""Frame of a self-contained HTML page with a content security policy that forbids external resources."""
+"""Builds self-contained HTML pages with a content security policy that forbids external resources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 _HERE = Path(__file__).parent
-PLOTS = ("axes.js", "panels.js", "track.js", "voyage.js")  # in this order, as one script
+PLOTS = ("axes.js", "panels.js", "track.js", "voyage.js")  # in this order, joined to one script
 LIVE = (*PLOTS, "live.js")
 
 
@@ -23,13 +23,13 @@ def asset(*names: str) -> str:
 
 
 def data_block(kind: str, content: Mapping[str, Any]) -> str:
-    """Return JSON as an inert part of a page; the scripts find it by its kind."""
+    """Return data as a block of JSON in a page; the scripts find it by its class `kind`."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return f'<script type="application/json" class="{kind}">{text}</script>'
 
 
 def policy(scripts: tuple[str, ...], *, connect: bool = False) -> str:
-    """Return the content security policy of a page with these scripts."""
+    """Return the content security policy of a page with these scripts; with `connect` the page may load updates."""
     rules = [
         "default-src 'none'",
         f"style-src '{_hash(asset('view.css'))}'",
@@ -43,7 +43,7 @@ def policy(scripts: tuple[str, ...], *, connect: bool = False) -> str:
 
 
 def document(title: str, parts: Iterable[str], scripts: tuple[str, ...] = (), *, connect: bool = False) -> str:
-    """Return a page of a plain-text title, HTML parts and scripts of this folder."""
+    """Return a page with a title (plain text), parts (HTML) and scripts (files of this folder)."""
     head = [
         '<meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{policy(scripts, connect=connect)}">',

@@ -1,4 +1,4 @@
-"""Feeds the live page from the status file and the plans of an autopilot, and from the lines of a harness.
+"""Reads the data of the live page: status file and plans of an autopilot, and lines of the simulation harness.
 
 Only files are read, so that the autopilot is never delayed.
 """
@@ -11,17 +11,17 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-from firmware_py.system.status_file import FoundStatus, Freshness
+from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.view.history import History, Mark
 
 Status = Mapping[str, Any]
-MAX_SEEN: Final = 500
+MAX_KNOWN_EVENTS: Final = 500
 MAX_LINE_BYTES: Final = 1 << 14
-MAX_TITLE: Final = 300
+MAX_TEXT_CHARACTERS: Final = 300
 MAX_NUMBER: Final = 1e15
 
 # Column of the page: section of the status (empty: top level), key, factor.
-FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
+STATUS_COLUMNS: Final[Mapping[str, tuple[str, str, float]]] = {
     "lat_deg": ("position", "lat_deg", 1.0),
     "lon_deg": ("position", "lon_deg", 1.0),
     "compass_deg": ("", "heading_deg", 1.0),
@@ -46,7 +46,7 @@ FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
 }
 
 # Columns that are empty while their sensor has timed out, with the validity flag in the status.
-VALID: Final[Mapping[str, tuple[str, str]]] = {
+VALIDITY_FLAGS: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("lat_deg", "lon_deg", "ground_m_s", "water_m_s", "current_m_s"), ("position", "ok")),
     **dict.fromkeys(("compass_deg", "heading_deg", "error_deg", "wave_period_s", "wave_sd_deg"), ("", "heading_ok")),
     "rudder_deg": ("rudder", "ok"),
@@ -54,48 +54,53 @@ VALID: Final[Mapping[str, tuple[str, str]]] = {
 
 
 class Feed:
-    """Reads the newest data at each `poll`; `look` returns the status, `read_plans` the plans for the page."""
+    """Reads the newest data at each `poll`."""
 
     def __init__(
         self,
         history: History,
-        look: Callable[[], FoundStatus],
+        read_status: Callable[[], StatusReading],
         read_plans: Callable[[], Mapping[str, Any]],
         remedies: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """`remedies` are texts by fault name."""
-        self._history, self._look, self._read_plans, self._remedies = history, look, read_plans, remedies
-        self._truth: dict[str, Any] = {}
+        """Store the functions that return the status and the plans for the page, and the remedies by fault name."""
+        self._history, self._read_status, self._read_plans, self._remedies = history, read_status, read_plans, remedies
+        self._harness_values: dict[str, Any] = {}
         self._plan_key: object = None
         self._plans: Mapping[str, Any] = {}
         self._voyage: object = None
         self._begin_s: float | None = None
-        self._last: object = None
-        self._seen: deque[tuple[Any, ...]] = deque(maxlen=MAX_SEEN)
+        self._last_key: object = None
+        self._known_events: deque[tuple[Any, ...]] = deque(maxlen=MAX_KNOWN_EVENTS)
 
-    def take_line(self, line: bytes) -> None:
-        """Take a JSON line of the harness, with keys such as time_s and true_heading_deg."""
+    def add_line(self, line: bytes) -> None:
+        """Store the values of a JSON line of the harness, with keys such as time_s and true_heading_deg."""
         try:
             values = json.loads(line) if len(line) <= MAX_LINE_BYTES else None
         except (ValueError, RecursionError):
             return
         for name, value in values.items() if isinstance(values, dict) else ():
-            if isinstance(value, str) and len(value) <= MAX_TITLE:
-                self._truth[name] = value
+            if isinstance(value, str) and len(value) <= MAX_TEXT_CHARACTERS:
+                self._harness_values[name] = value
             elif isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER:  # False for NaN
-                self._truth[name] = float(value)
+                self._harness_values[name] = float(value)
 
     def poll(self) -> bytes | None:
-        """Return new data as JSON for the readers; None without any."""
-        if self._truth and "time_s" not in self._truth:
-            return None  # the harness has not begun
-        found = self._look()
-        key = (found.freshness, found.reason, found.content.get("written_machine_s"), self._truth.get("time_s"))
-        if key == self._last:
+        """Return the new data as JSON for the readers; None if nothing has changed."""
+        if self._harness_values and "time_s" not in self._harness_values:
+            return None  # the simulation has not started
+        reading = self._read_status()
+        key = (
+            reading.freshness,
+            reading.reason,
+            reading.content.get("written_machine_s"),
+            self._harness_values.get("time_s"),
+        )
+        if key == self._last_key:
             return None
-        self._last = key
+        self._last_key = key
         try:
-            return self._take(found)
+            return self._update(reading)
         except (
             KeyError,
             TypeError,
@@ -108,61 +113,61 @@ class Feed:
                 {}, (), {"freshness": Freshness.STALE.value, "reason": "status of another version"}
             )
 
-    def _take(self, found: FoundStatus) -> bytes:
-        # Numbers that JSON lacks become null: a forged status must not stop the page.
-        status = json.loads(json.dumps(found.content), parse_constant=lambda _: None)
+    def _update(self, reading: StatusReading) -> bytes:
+        # NaN and infinity become null, because the page cannot read them, and a status may be forged.
+        status = json.loads(json.dumps(reading.content), parse_constant=lambda _: None)
         for fault in status.get("faults", ()):
             fault["remedy"] = self._remedies.get(str(fault.get("fault")), "")
-        time_s = self._truth.get("time_s")
+        time_s = self._harness_values.get("time_s")
         marks: tuple[Mark, ...] = ()
         plans_before = self._plans
-        if status and found.freshness is Freshness.RUNNING:
+        if status and reading.freshness is Freshness.RUNNING:
             if time_s is None:
-                self._note_voyage(status)
+                self._detect_new_voyage(status)
                 time_s = status["written_machine_s"] - (self._begin_s or 0.0)
-            marks = tuple(self._marks(status, time_s))
+            marks = tuple(self._new_marks(status, time_s))
             self._update_plans(status)
-        # A stale status adds no row; the harness may still add its own.
-        current = status if found.freshness is Freshness.RUNNING else {}
-        columns = {name: _value(current, *place) for name, place in FROM_STATUS.items()}
-        columns |= {name: None for name, flag in VALID.items() if _entry(current, *flag) is False}
+        # A stale status adds no values; the harness may still add its own.
+        current = status if reading.freshness is Freshness.RUNNING else {}
+        columns = {name: _value(current, *source) for name, source in STATUS_COLUMNS.items()}
+        columns |= {name: None for name, flag in VALIDITY_FLAGS.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
-            columns["cross_track_m"] = None  # no line: on a circle or toward home
+            columns["cross_track_m"] = None  # the boat does not follow a line
         columns |= {"faults": len(current["faults"]) if current else None, "time_s": time_s}
-        columns |= {name: value for name, value in self._truth.items() if isinstance(value, (int, float))}
+        columns |= {name: value for name, value in self._harness_values.items() if isinstance(value, (int, float))}
         now = {
-            "freshness": found.freshness.value,
-            "reason": found.reason,
-            "age_s": found.age_s,
+            "freshness": reading.freshness.value,
+            "reason": reading.reason,
+            "age_s": reading.age_s,
             "status": status,
-            "title": self._truth.get("title") or status.get("vehicle", ""),
+            "title": self._harness_values.get("title") or status.get("vehicle", ""),
             **({} if self._plans is plans_before else {"plans": self._plans}),
             "item": _value(status, "navigation", "item"),
             "first_item": _value(status, "navigation", "first_item"),
             "target": _target(status),
         }
-        if "time_s" not in self._truth and status:
+        if "time_s" not in self._harness_values and status:
             now["begin_utc_s"] = status["utc_s"] - status["written_machine_s"] + (self._begin_s or 0.0)
-        return self._history.add(columns if current or self._truth else {}, marks, now)
+        return self._history.add(columns if current or self._harness_values else {}, marks, now)
 
-    def _note_voyage(self, status: Status) -> None:
-        """Count the time from the first status; an earlier time means that the computer has restarted."""
+    def _detect_new_voyage(self, status: Status) -> None:
+        """Start a new voyage at the first status and after a restart of the computer, which resets the machine time."""
         written_s = status["written_machine_s"]
         if self._begin_s is None or written_s < self._begin_s:
             self._begin_s = written_s
             self._history.restart()
 
-    def _marks(self, status: Status, time_s: float) -> list[Mark]:
+    def _new_marks(self, status: Status, time_s: float) -> list[Mark]:
         marks = []
         for event in status.get("events", ()):
             key = (status["pid"], event["t_s"], event["text"])
-            if key not in self._seen:
-                self._seen.append(key)
-                ago_s = status["uptime_s"] - event["t_s"]
-                event_s = time_s - ago_s
-                # A run begins at 0: earlier reports are from the start of the autopilot.
-                event_s = max(0.0, event_s) if "time_s" in self._truth else event_s
-                marks.append((round(event_s, 1), int(event["severity"]), str(event["text"])[:MAX_TITLE]))
+            if key not in self._known_events:
+                self._known_events.append(key)
+                age_s = status["uptime_s"] - event["t_s"]
+                event_s = time_s - age_s
+                # In a simulation, events before time 0 are from the start of the autopilot.
+                event_s = max(0.0, event_s) if "time_s" in self._harness_values else event_s
+                marks.append((round(event_s, 1), int(event["severity"]), str(event["text"])[:MAX_TEXT_CHARACTERS]))
         return marks
 
     def _update_plans(self, status: Status) -> None:
@@ -183,5 +188,5 @@ def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float
 
 
 def _target(status: Status) -> list[float | None] | None:
-    place = [_value(status, "navigation", key) for key in ("target_lat_deg", "target_lon_deg", "radius_m")]
-    return None if place[0] is None or place[1] is None else place
+    position = [_value(status, "navigation", key) for key in ("target_lat_deg", "target_lon_deg", "radius_m")]
+    return None if position[0] is None or position[1] is None else position

@@ -1,4 +1,4 @@
-"""Data of the live page: rows and marks of a voyage of any length, in bounded memory."""
+"""Data of the live page: rows and marks of a voyage of any length, in limited memory."""
 
 from __future__ import annotations
 
@@ -9,24 +9,32 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.view.model import DIGITS, PANELS, PLACE_DIGITS
+from firmware_py.view.model import DIGITS, PANELS, POSITION_DIGITS
 
-MAX_ROWS: Final = 2400  # then every other row is dropped and the interval doubled
+MAX_ROWS: Final = 2400  # beyond this number every second row is deleted
 MAX_MARKS: Final = 300
 MAX_NUMBER: Final = 1e15
-COLUMNS: Final = ("time_s", "lat_deg", "lon_deg", *dict.fromkeys(line.column for one in PANELS for line in one.lines))
+COLUMNS: Final = (
+    "time_s",
+    "lat_deg",
+    "lon_deg",
+    *dict.fromkeys(line.column for panel in PANELS for line in panel.lines),
+)
 
 Row = Mapping[str, float | None]
 Mark = tuple[float, int, str]
 
 
 class History:
-    """Rows and marks of a voyage, and the present state; `epoch` changes when readers must reload all rows."""
+    """Rows and marks of a voyage, and the present state.
+
+    `epoch` changes when readers must reload all rows; `now` contains status, plans, target and other values.
+    """
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Initialise without data."""
         self.epoch = 0
-        self.now: dict[str, Any] = {}  # status, plans, target and more
+        self.now: dict[str, Any] = {}
         self._rows: list[list[float | None]] = []
         self._marks: deque[Mark] = deque(maxlen=MAX_MARKS)
         self._interval_s = 0.0
@@ -39,10 +47,10 @@ class History:
         self._interval_s = 0.0
 
     def add(self, row: Row, marks: Sequence[Mark], now: Mapping[str, Any]) -> bytes:
-        """Take a row, new marks and the present state; return the update for the readers as JSON."""
+        """Add a row, new marks and the present state; return the update for the readers as JSON."""
         self.now |= now
         self._marks.extend(marks)
-        values = [_number(name, row.get(name)) for name in COLUMNS]
+        values = [_round_number(name, row.get(name)) for name in COLUMNS]
         time_s = values[0]
         rows: list[list[float | None]] = []
         if time_s is not None and (not self._rows or time_s - (self._rows[-1][0] or 0.0) >= self._interval_s):
@@ -53,11 +61,11 @@ class History:
             self._rows = self._rows[::2]
             self._interval_s = span_s / len(self._rows)
             self.epoch += 1
-        return _json({"rows": rows, "marks": [list(mark) for mark in marks], "now": now, "values": values})
+        return _encode_json({"rows": rows, "marks": [list(mark) for mark in marks], "now": now, "values": values})
 
-    def whole(self) -> bytes:
-        """Return all data as JSON."""
-        return _json(
+    def all_data(self) -> bytes:
+        """Return all data for a new reader as JSON."""
+        return _encode_json(
             {
                 "names": COLUMNS,
                 "panels": [msgspec.to_builtins(panel) for panel in PANELS],
@@ -68,11 +76,11 @@ class History:
         )
 
 
-def _number(name: str, value: float | None) -> float | None:
+def _round_number(name: str, value: float | None) -> float | None:
     if not isinstance(value, (int, float)) or not abs(value) <= MAX_NUMBER:  # also False for NaN
         return None
-    return round(float(value), PLACE_DIGITS if name in ("lat_deg", "lon_deg") else DIGITS)
+    return round(float(value), POSITION_DIGITS if name in ("lat_deg", "lon_deg") else DIGITS)
 
 
-def _json(content: Mapping[str, Any]) -> bytes:
+def _encode_json(content: Mapping[str, Any]) -> bytes:
     return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()

@@ -2,16 +2,16 @@
 
 A voyage is a mapping of JSON values, drawn by the scripts of this folder:
 
-    columns   name -> numbers, null where unknown, all as long as time_s; a row of nulls breaks the lines
-    panels    below; a line whose column is missing or empty is left out, and so is a panel without lines
+    columns   name -> numbers, null if unknown, all of the length of time_s; a row of nulls interrupts the lines
+    panels    as Panel; a line without values is not drawn, nor a panel without lines
     marks     [time_s, severity (0 to 7, MAVLink's), text]
     origin    [latitude, longitude] of north_m and east_m; or columns lat_deg and lon_deg instead
-    plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a place
-    first_item  number of the first mission item, as displayed; item: the active one
-    begin_utc_s  UTC of time 0, for calendar times
+    plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a position
+    first_item  displayed number of the first mission item; item: displayed number of the active one
+    begin_utc_s  UTC of time 0; with it, calendar times are shown
     spectrum  frequency_hz, lines [label, look, numbers], marks [hertz, label]
 
-Angles in degrees; headings are not wrapped, the scripts wrap them.
+Angles are in degrees; the scripts wrap headings.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ import msgspec
 from firmware_py.common.plan import Plan
 
 Voyage = dict[str, Any]
-PLACE_DIGITS, DIGITS = 7, 3
+POSITION_DIGITS, DIGITS = 7, 3
 
 
 class Line(msgspec.Struct, frozen=True):
-    """A column drawn as a line; its look is a class of view.css."""
+    """A column drawn as a line; `look` is a class of view.css."""
 
     column: str
     label: str
@@ -37,10 +37,11 @@ class Line(msgspec.Struct, frozen=True):
 
 
 class Panel(msgspec.Struct, frozen=True):
-    """Lines over time with one axis: `min_span` is its minimum span, `band` shades +- this value around 0.
+    """Lines over time with one axis.
 
-    An axis with a band does not follow values far outside it. `wrap`: compass degrees. `step`: a value holds until the
-    next.
+    `min_span` is the minimum span of the axis, `band` a value up to which the range around 0 is shaded; such an axis
+    does not include values far outside the band. `wrap`: the values are compass degrees. `zero`: the axis includes 0.
+    `step`: a value is constant until the next one. `tall`: the panel is higher.
     """
 
     title: str
@@ -107,8 +108,8 @@ PANELS: Final = (
 def voyage(
     columns: Mapping[str, Iterable[float]], marks: Sequence[tuple[float, int, str]], panels: Sequence[Panel] = PANELS
 ) -> Voyage:
-    """Return a voyage of rounded columns, with null for values that are not finite."""
-    digits = {"lat_deg": PLACE_DIGITS, "lon_deg": PLACE_DIGITS}
+    """Return a voyage with rounded columns, None for values that are not finite."""
+    digits = {"lat_deg": POSITION_DIGITS, "lon_deg": POSITION_DIGITS}
     return {
         "columns": {name: numbers(values, digits.get(name, DIGITS)) for name, values in columns.items()},
         "panels": [msgspec.to_builtins(panel) for panel in panels],
@@ -122,8 +123,8 @@ def numbers(values: Iterable[float], digits: int = DIGITS) -> list[float | None]
 
 
 def plan_rows(plan: Plan) -> list[list[float | None]]:
-    """Return the items of a plan."""
+    """Return the items of a plan as rows of a voyage."""
     return [
-        [item.command, *numbers(item.params, PLACE_DIGITS), *numbers((item.x / 1e7, item.y / 1e7), PLACE_DIGITS)]
+        [item.command, *numbers(item.params, POSITION_DIGITS), *numbers((item.x / 1e7, item.y / 1e7), POSITION_DIGITS)]
         for item in plan.items
     ]

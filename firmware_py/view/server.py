@@ -1,6 +1,6 @@
-"""Serves the live page and streams updates to its readers, with bounded resources.
+"""Serves the live page and streams updates to its readers, with limited resources.
 
-It runs as a separate process and reads only the status file, so that requests cannot delay the control loop.
+The server is a separate process and reads only files, so that requests cannot delay the control loop.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from firmware_py.view.guard import COOKIE, Guard, ViewError
 
 MAX_CONNECTIONS: Final = 32
 MAX_READERS: Final = 24  # connections that receive updates
-TIMEOUT_S: Final = 10.0  # of requests and slow readers
-MAX_BACKLOG: Final = 64  # messages; a reader farther behind receives all data again
-KEEPALIVE_S: Final = 15.0  # maximum time without a message, to detect closed connections
+TIMEOUT_S: Final = 10.0  # for receiving a request and for sending
+MAX_BACKLOG: Final = 64  # in messages; a reader that is later receives all data again
+KEEPALIVE_S: Final = 15.0  # maximum interval of messages, so that closed connections are detected
 _BODY: Final = '<div id="live"></div><noscript><p>This page needs JavaScript.</p></noscript>'
 
 
 class Hub:
-    """Distributes updates; slow readers lose messages and never delay the writer."""
+    """Distributes updates to readers; slow readers lose messages and do not delay the writer."""
 
-    def __init__(self, whole: Callable[[], bytes]) -> None:
-        """`whole` returns all data; it is called with the lock held."""
-        self._whole = whole
+    def __init__(self, read_all: Callable[[], bytes]) -> None:
+        """Store the function that returns all data; it is called with the lock held."""
+        self._read_all = read_all
         self._condition = threading.Condition()
         self._backlog: deque[tuple[int, int, bytes]] = deque(maxlen=MAX_BACKLOG)
         self._number = self._epoch = 0
-        self.closed = self.over = False
+        self.is_closed = self.is_over = False
 
-    def publish(self, work: Callable[[], tuple[bytes | None, int]]) -> None:
-        """Call `work`, which returns a message and the epoch, with the lock held, and wake the readers."""
+    def publish(self, read_message: Callable[[], tuple[bytes | None, int]]) -> None:
+        """Call a function that returns a message (or None) and the epoch, with the lock held; wake the readers."""
         with self._condition:
-            message, epoch = work()
+            message, epoch = read_message()
             if message is None:
                 return
             self._number += 1
@@ -47,38 +47,41 @@ class Hub:
             self._backlog.append((self._number, epoch, message))
             self._condition.notify_all()
 
-    def close(self, *, over: bool) -> None:
-        """Disconnect the readers; unless `over`, they reconnect when the page is served again."""
+    def close(self, *, is_over: bool) -> None:
+        """Disconnect the readers; with `is_over` they do not reconnect when the page is served again."""
         with self._condition:
-            self.closed, self.over = True, over
+            self.is_closed, self.is_over = True, is_over
             self._condition.notify_all()
 
     def next(self, after: tuple[int, int] | None) -> tuple[tuple[int, int], list[tuple[str, bytes]]]:
-        """Return the new position of a reader, and kinds and contents of its updates; all data for a new one."""
+        """Wait for updates; return the new position of a reader, and kind and content of each update.
+
+        `after` is the last position, None for a new reader, which receives all data.
+        """
         with self._condition:
             if after is not None:
-                self._condition.wait_for(lambda: self.closed or self._number > after[0], KEEPALIVE_S)
+                self._condition.wait_for(lambda: self.is_closed or self._number > after[0], KEEPALIVE_S)
             position = (self._number, self._epoch)
             oldest = self._backlog[0][0] if self._backlog else self._number + 1
             if after is None or after[1] != self._epoch or after[0] + 1 < oldest <= self._number:
-                return position, [("whole", self._whole())]
+                return position, [("whole", self._read_all())]
             return position, [("new", message) for number, _, message in self._backlog if number > after[0]]
 
 
 class ViewServer(ThreadingHTTPServer):
-    """Listens on one address; raises ViewError if it cannot be opened."""
+    """HTTP server of the live page at one address."""
 
     daemon_threads = True
     block_on_close = False
     request_queue_size = 16
 
     def __init__(self, address: tuple[str, int], guard: Guard, hub: Hub) -> None:
-        """Open the port."""
+        """Open the port; raises ViewError if that is impossible."""
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         self.guard, self.hub = guard, hub
         self.readers = threading.BoundedSemaphore(MAX_READERS)
         self._connections = threading.BoundedSemaphore(MAX_CONNECTIONS)
-        self._pending: dict[Any, float] = {}  # start time; slow requests are closed
+        self._pending: dict[Any, float] = {}  # start time by request that is not completely received
         title = "Rambler live page"
         self.page = document(title, [_BODY], LIVE, connect=True).encode()
         self.policy = policy(LIVE, connect=True) + "; frame-ancestors 'none'"
@@ -110,9 +113,9 @@ class ViewServer(ThreadingHTTPServer):
 
     def service_actions(self) -> None:
         """Close connections whose request is not complete in time."""
-        late_s = time.monotonic() - TIMEOUT_S
-        for request, since_s in list(self._pending.items()):
-            if since_s < late_s:
+        oldest_start_s = time.monotonic() - TIMEOUT_S
+        for request, start_s in list(self._pending.items()):
+            if start_s < oldest_start_s:
                 self._pending.pop(request, None)
                 try:
                     request.shutdown(socket.SHUT_RDWR)
@@ -120,7 +123,7 @@ class ViewServer(ThreadingHTTPServer):
                     pass  # already closed
 
     def handle_error(self, _request: Any, client_address: Any) -> None:
-        """Print errors except closed connections."""
+        """Print an error, except one of a closed connection."""
         error = sys.exc_info()[1]
         if not isinstance(error, OSError):
             sys.stderr.write(f"rambler view: {client_address}: {error!r}\n")
@@ -135,9 +138,9 @@ class _Handler(BaseHTTPRequestHandler):
             return False
         server = cast("ViewServer", self.server)
         server.mark_received(self.connection)
-        # Normalized names; repeated headers are joined, so that they match nothing.
+        # Repeated headers are joined, so that they match no valid value.
         headers = {name.title(): ", ".join(self.headers.get_all(name, ())) for name in self.headers}
-        verdict = server.guard.judge(self.command, self.path, headers)
+        verdict = server.guard.check(self.command, self.path, headers)
         if verdict.status == 303:
             cookie = f"{COOKIE}={server.guard.token}; HttpOnly; SameSite=Lax; Path=/"
             self._reply(303, b"", {"Location": "/", "Set-Cookie": cookie})
@@ -157,13 +160,13 @@ class _Handler(BaseHTTPRequestHandler):
             self._reply(503, b"too many readers\n", {"Content-Type": "text/plain; charset=utf-8", "Retry-After": "30"})
             return
         try:
-            self._begin(200, {"Content-Type": "text/event-stream; charset=utf-8"})
+            self._send_headers(200, {"Content-Type": "text/event-stream; charset=utf-8"})
             position = None
-            while not server.hub.closed:
+            while not server.hub.is_closed:
                 position, updates = server.hub.next(position)
-                parts = [b"event: " + kind.encode() + b"\ndata: " + content + b"\n\n" for kind, content in updates]
-                self.wfile.write(b"".join(parts) or b": keep-alive\n\n")
-            if server.hub.over:
+                events = [b"event: " + kind.encode() + b"\ndata: " + content + b"\n\n" for kind, content in updates]
+                self.wfile.write(b"".join(events) or b": keep-alive\n\n")
+            if server.hub.is_over:
                 self.wfile.write(b"event: end\ndata: {}\n\n")
         except OSError:
             pass  # disconnected or too slow
@@ -172,13 +175,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _reply(self, status: int, body: bytes, headers: dict[str, str]) -> None:
         try:
-            self._begin(status, {**headers, "Content-Length": str(len(body))})
+            self._send_headers(status, {**headers, "Content-Length": str(len(body))})
             if self.command != "HEAD":
                 self.wfile.write(body)
         except OSError:
             pass  # disconnected
 
-    def _begin(self, status: int, headers: dict[str, str]) -> None:
+    def _send_headers(self, status: int, headers: dict[str, str]) -> None:
         server = cast("ViewServer", self.server)
         self.send_response(status)
         for name, value in {
@@ -200,4 +203,4 @@ class _Handler(BaseHTTPRequestHandler):
         return "rambler"
 
     def log_message(self, *_words: object) -> None:
-        """Log nothing: requests must not fill the disk."""
+        """Do not log requests, because they could fill the disk."""

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+from firmware_py.log.dataflash import Buffer, Format, Parser, decode_text
 from firmware_py.log.log_time import utc_offset_s
 from firmware_py.log.message_rows import TEXT
 from hil.report.orders import LoggedPlans
@@ -209,14 +209,14 @@ class LogFile:
     def _add_text(self, time_us: Any, message: Any, severity: Any) -> None:
         if not isinstance(message, bytes):  # damaged format record
             return
-        text = text_of(message)
+        text = decode_text(message)
         if not self._contents.software and text.startswith("rambler"):
             self._contents.software = text
         self._texts.append((_number(time_us) / 1e6, int(np.nan_to_num(_number(severity))), text))
 
     def _add_parameter(self, name: Any, value: Any) -> None:
         if isinstance(name, bytes):
-            self._contents.settings[text_of(name)] = _number(value)
+            self._contents.settings[decode_text(name)] = _number(value)
 
     def _add_text_part(self, kind: str, part: Any, parts: Any, length: Any, content: Any) -> None:
         """Add a part of a text; process the complete text, a state or a request."""

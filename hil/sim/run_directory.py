@@ -145,7 +145,7 @@ def copy_state(state: Path, target: Path) -> None:
 def _copy_file(source: str, target: str) -> None:
     """Copy a regular file of limited size from a state directory."""
     try:
-        content = read_regular(Path(source), MAX_STATE_FILE_BYTES, follow=False)
+        content = read_regular(Path(source), MAX_STATE_FILE_BYTES, follow_symlinks=False)
         mode = stat.S_IMODE(os.lstat(source).st_mode) | stat.S_IWUSR
         Path(target).touch(mode=mode)  # keys need restricted permissions before they are written
         Path(target).write_bytes(content)

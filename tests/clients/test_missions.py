@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.__main__ import main
 from firmware_py.common.plan import PlanKind, from_text
-from firmware_py.system.slots import stored_content
+from firmware_py.system.slots import read_content
 from firmware_py.system.state_directory import PLAN_FILES
 
 CLIENT = Path(__file__).with_name("mavsdk_missions.py")
@@ -167,7 +167,7 @@ def numbers(path):
 def stored(tmp_path, name):
     """The number of items of a plan in the state directory, None without one."""
     kind = {"wp": PlanKind.MISSION, "fence": PlanKind.FENCE, "rally": PlanKind.RALLY}[name]
-    content = stored_content(tmp_path / "state", PLAN_FILES[kind])
+    content = read_content(tmp_path / "state", PLAN_FILES[kind])
     return None if content is None else len(from_text(content.decode())[0].items)
 
 

@@ -71,7 +71,7 @@ def make_log(data):
     ticks[0][1:1] = [state]  # after TICK
     numbers = itertools.accumulate(1 + gap for gap in gaps)
     return header_bytes + b"".join(
-        schema.end_bytes(b"".join(messages), 0.0, number) for messages, number in zip(ticks, numbers, strict=True)
+        schema.append_end(b"".join(messages), 0.0, number) for messages, number in zip(ticks, numbers, strict=True)
     )
 
 

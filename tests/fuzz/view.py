@@ -10,14 +10,14 @@ from unittest.mock import patch
 from firmware_py.cli import status as command
 from firmware_py.install import update
 from firmware_py.install.bundle import UpdateError
-from firmware_py.system.status_file import FoundStatus, Freshness, file_name, find
+from firmware_py.system.status_file import Freshness, StatusReading, file_name, find_status
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import COOKIE, Guard
 from firmware_py.view.history import History
 from fuzz.target import Target, check_line
 
 TOKEN = "0123456789abcdef"
-LOOPBACK_GUARD, TOKEN_GUARD = Guard("", loopback=True), Guard(TOKEN, loopback=False)
+LOOPBACK_GUARD, TOKEN_GUARD = Guard("", is_loopback=True), Guard(TOKEN, is_loopback=False)
 NOW_S = 1000.0
 STATUSES = {200, 303, 403, 405, 414, 421}
 
@@ -39,7 +39,7 @@ def judge_request(data):
     target, *lines = rest.split("\n")
     headers = {text_line.partition(":")[0].strip(): text_line.partition(":")[2].strip() for text_line in lines}
     for guard in (LOOPBACK_GUARD, TOKEN_GUARD):
-        verdict = guard.judge(method, target, headers)
+        verdict = guard.check(method, target, headers)
         assert verdict.status in STATUSES
         if verdict.status in (200, 303):
             assert method in ("GET", "HEAD")
@@ -49,14 +49,14 @@ def judge_request(data):
         assert (verdict.status == 303) == verdict.remember
 
 
-def take_line(data):
+def add_line(data):
     """Feed lines of a harness; readers receive valid JSON for any line."""
     history = History()
-    feed = Feed(history, lambda: FoundStatus(Freshness.ABSENT), dict)
+    feed = Feed(history, lambda: StatusReading(Freshness.ABSENT), dict)
     for text_line in data.split(b"\n"):
-        feed.take_line(text_line)
+        feed.add_line(text_line)
     message = feed.poll()
-    json.loads(history.whole())
+    json.loads(history.all_data())
     assert message is None or json.loads(message)["marks"] == []
 
 
@@ -68,9 +68,9 @@ def poll_status(data):
     except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
         return  # rejected by system.status_file
     history = History()
-    feed = Feed(history, lambda: FoundStatus(Freshness.RUNNING, content, 0.1), dict)
+    feed = Feed(history, lambda: StatusReading(Freshness.RUNNING, content, 0.1), dict)
     message = feed.poll()
-    json.loads(history.whole(), parse_constant=reject_constant)
+    json.loads(history.all_data(), parse_constant=reject_constant)
     json.loads(message, parse_constant=reject_constant)
 
 
@@ -80,7 +80,7 @@ def status_file(data):
         state = Path(name) / "state"
         state.mkdir()
         (Path(name) / file_name(state)).write_bytes(data)
-        status_found = find(state, NOW_S, (Path(name),))
+        status_found = find_status(state, NOW_S, (Path(name),))
         assert status_found.content or status_found.reason
         check_line(status_found.reason or "none")
         message = command._complete_status(status_found, state)
@@ -88,11 +88,11 @@ def status_file(data):
         with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):  # as the command does
             for text_line in command._status_lines(message):
                 assert text_line.isprintable()
-        with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: status_found):
+        with contextlib.suppress(UpdateError), patch.object(update, "find_status", lambda *_: status_found):
             update._check_unarmed(state, update.Permissions())
         history = History()
         new = Feed(history, lambda: status_found, dict).poll()
-        json.loads(history.whole(), parse_constant=reject_constant)
+        json.loads(history.all_data(), parse_constant=reject_constant)
         json.loads(new, parse_constant=reject_constant)
 
 
@@ -111,7 +111,7 @@ TARGETS = {
         ),
     ),
     "view_line": Target(
-        take_line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")
+        add_line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")
     ),
     "status_file": Target(
         status_file,

@@ -19,7 +19,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.log.reader import LogReader
-from firmware_py.system.slots import stored_content
+from firmware_py.system.slots import read_content
 from firmware_py.system.store import Store
 from support.paths import ROOT
 from support.program import Program
@@ -140,7 +140,7 @@ def test_autopilot_starts_without_a_writable_state_directory(directory, vehicle,
         for path in (state, *state.iterdir()):
             path.chmod(0o777)
         program.expect("Storage error cleared")
-    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(state, "parameters.param")
+    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in read_content(state, "parameters.param")
     assert '"CTL_K1":33.0' in parameters_in_log(state)
 
 
@@ -183,8 +183,8 @@ def test_state_directory_that_appears_late_is_used_with_its_content(directory, v
         (directory / "medium").rename(directory / "mount" / "state")
         program.expect("State directory mounted: its content is used from the next start")
         program.expect("Storage error cleared")
-    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(directory / "mount" / "state", "parameters.param")
-    assert stored_content(directory / "mount" / "state", "mission.plan") == MISSION
+    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in read_content(directory / "mount" / "state", "parameters.param")
+    assert read_content(directory / "mount" / "state", "mission.plan") == MISSION
 
 
 @pytest.mark.parametrize("umask", [pytest.param(0o000, marks=pytest.mark.proof), 0o077])

@@ -14,7 +14,7 @@ import pytest
 
 from firmware_py import __version__
 from firmware_py.__main__ import main
-from firmware_py.system.status_file import DIRECTORIES, STALE_S, file_name
+from firmware_py.system.status_file import DIRECTORIES, MAX_AGE_S, file_name
 from support.json_keys import keys
 
 CONTRACT = Path(__file__).parents[1] / "data" / "contract.json"
@@ -99,7 +99,7 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     code, status = run_until_status(boat, "stale")
     assert (code, status["mode"]) == (1, "GUIDED")
     assert "hangs or is stopped" in status["reason"]
-    assert status["age_s"] >= STALE_S  # rounded
+    assert status["age_s"] >= MAX_AGE_S  # rounded
     os.kill(boat.process._process.pid, signal.SIGCONT)
     run_until_status(boat, "running")
     boat.kill()

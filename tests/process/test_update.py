@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.install.bundle import unpack
-from firmware_py.install.environment import Environment, make
+from firmware_py.install.environment import Environment
 from support.paths import ROOT
 from support.small_bundle import bundle_maker, small_bundle
 
@@ -165,7 +165,7 @@ def updated_boat(make_service, whole_bundle, tmp_path):
     bundle = unpack(whole_bundle, tmp_path / "first", None)
     environment = Environment(directory / "opt/rambler")
     with (tmp_path / "lock").open("w") as lock:
-        make(environment, tmp_path / "first", bundle, lock.fileno())
+        create(environment, tmp_path / "first", bundle, lock.fileno())
     (directory / "bin/rambler").symlink_to(environment.program)
     with make_service(program=(directory / "bin/rambler",), environment={"PYTHONPATH": ""}) as service:
         service.under_way()

@@ -11,7 +11,7 @@ import pytest
 
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
-from firmware_py.system.status_file import FoundStatus, Freshness
+from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import Guard
 from firmware_py.view.history import History
@@ -165,8 +165,8 @@ def test_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
 
 def start_server(history, port=0):
     """Serve the page of a history as `rambler view` does; return server and hub."""
-    hub = Hub(history.whole)
-    server = ViewServer(("127.0.0.1", port), Guard("", loopback=True), hub)
+    hub = Hub(history.all_data)
+    server = ViewServer(("127.0.0.1", port), Guard("", is_loopback=True), hub)
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
     return server, hub
 
@@ -207,15 +207,15 @@ CARD = "document.querySelector('#now-{}').parentNode"
 
 
 def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(browser):
-    status = [FoundStatus(Freshness.RUNNING, STATUS, 0.0)]
+    status = [StatusReading(Freshness.RUNNING, STATUS, 0.0)]
     history = History()
     feed = Feed(history, lambda: status[0], dict, {"POSITION_LOST": "look at the antenna"})
-    feed.take_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
+    feed.add_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
     server, hub = start_server(history)
 
     def publish(**changes):
         content = status[0].content
-        status[0] = FoundStatus(
+        status[0] = StatusReading(
             Freshness.RUNNING, content | {"written_machine_s": content["written_machine_s"] + 1} | changes, 0.0
         )
         hub.publish(lambda: (feed.poll(), history.epoch))
@@ -260,12 +260,12 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     new_faults = [fault | {"since_s": 1.0} for fault in LOST_CHANGES["faults"]]
     publish(faults=new_faults)
     browser.wait_for("[...document.querySelectorAll('.faults button')].every((one) => !one.disabled)")
-    status[0] = FoundStatus(Freshness.STALE, status[0].content, 9.0, "process 7 hangs")
+    status[0] = StatusReading(Freshness.STALE, status[0].content, 9.0, "process 7 hangs")
     hub.publish(lambda: (feed.poll(), history.epoch))
     browser.wait_for("document.querySelector('#live').classList.contains('stale')")
     assert "No report from the autopilot for" in text("document.querySelector('.banner')")
     assert browser.complaints == []
-    hub.close(over=True)
+    hub.close(is_over=True)
     end_server(server)
 
 
@@ -280,12 +280,12 @@ def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
     browser.wait_for(f"{banner}.textContent.startsWith('No connection')")
     server.readers.release()
     browser.wait_for(f"{banner}.hidden")
-    hub.close(over=False)
+    hub.close(is_over=False)
     end_server(server)
     browser.wait_for(f"{banner}.textContent.startsWith('No connection')")
     server, hub = serve(port)
     browser.wait_for(f"{banner}.hidden")
-    hub.close(over=True)
+    hub.close(is_over=True)
     browser.wait_for(f"{banner}.textContent.startsWith('The run has ended')")
     end_server(server)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from firmware_py.install import environment, program_link, self_check, update
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.program_link import ProgramLink
-from firmware_py.install.service_files import Service, trial_text, unit_text
+from firmware_py.install.service_files import Service, build_trial_script, build_unit
 from firmware_py.install.unit import Installation
 from firmware_py.install.update import Permissions
 
@@ -54,17 +54,17 @@ def begin(place, bundle):
     program.write_text(PROGRAM.format(version="old", code=0))
     program.chmod(0o755)
     (place / "bin/rambler").symlink_to(program)
-    (place / "trial").write_text(trial_text())
+    (place / "trial").write_text(build_trial_script())
     shutil.copy(bundle, place / "new.bundle")
     service = Service((str(place / "bin/rambler"),), place / "boat.toml", place / "state")
     (place / "boat.toml").write_text("")
-    (place / "rambler.service").write_text(unit_text(service))
+    (place / "rambler.service").write_text(build_unit(service))
 
 
 def update_it(place):
     """Make the update; what is checked of the new program here is that it is there."""
     environment._run = build
-    environment.check_room = lambda *_: None
+    environment.check_free_space = lambda *_: None
     os.sync = lambda: None  # of all disks of this machine
     update.self_check = lambda candidate: iter([str(candidate.environment.program.stat().st_size)])
     installation = Installation(ProgramLink(place / "bin/rambler"), place / "boat.toml", place / "state")

@@ -433,7 +433,7 @@ class Months:
         values = ParameterSet()
         for name, value in SETTINGS.items():
             values = values.replaced(name, value)
-        parameters = kept.parameters_over(values)
+        parameters = kept.apply_parameters(values)
         state = resume(State.at_start(parameters, plans), kept.resume_record(), Moment(clock.utc_s()), say)
         autopilot = Autopilot(state, kept)
         recorder = LogRecorder(

@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from firmware_py.install.service_files import TRIAL, Service, trial_text, unit_text
+from firmware_py.install.service_files import TRIAL, Service, build_trial_script, build_unit
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
-from firmware_py.system.slots import stored_content
+from firmware_py.system.slots import read_content
 from hil.bench.rig import GoalRecorder
 from support.asking_station import AskingStation, answered
 from support.paths import ROOT
@@ -58,8 +58,8 @@ class ServiceBoat:
         self.log = boat.directory / "service.log"
         trial = boat.directory / "rambler/trial"
         trial.parent.mkdir()
-        trial.write_text(trial_text())
-        unit = unit_text(Service(tuple(map(str, program)), vehicle, boat.state)).replace(str(TRIAL), str(trial))
+        trial.write_text(build_trial_script())
+        unit = build_unit(Service(tuple(map(str, program)), vehicle, boat.state)).replace(str(TRIAL), str(trial))
         self.unit = boat.directory / "rambler.service"
         self.unit.write_text(unit)
         more = {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", **dict(environment)}
@@ -103,7 +103,7 @@ class ServiceBoat:
         return self.manager.runs[-1]
 
     def endings(self):
-        return from_bytes(stored_content(self.boat.state, ENDINGS_FILE))[0]
+        return from_bytes(read_content(self.boat.state, ENDINGS_FILE))[0]
 
     def disturbed(self, disturb):
         """Disturb the running service; return the run that was ended, the next one, and when its first frame came."""

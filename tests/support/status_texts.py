@@ -25,6 +25,7 @@ TEXT_ARGUMENTS = {
     "Calibration": (2, "text"),
     "say": (0, "text"),
     "_say": (0, "text"),
+    "report": (0, "text"),
     "_report": (0, "text"),
     "notify": (0, "text"),
     "State": (99, "greeting"),

@@ -51,7 +51,7 @@ def simulate(directory, monkeypatch, days, sailing_s, causes, ends):
 
 
 def rows_of(boat):
-    return list(daily_energy.rows(daily_energy.thin_logs(boat.directory / LOG_DIRECTORY)))
+    return list(daily_energy.rows(daily_energy.list_thin_logs(boat.directory / LOG_DIRECTORY)))
 
 
 def gaps(boat, rows):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any, Final, NamedTuple
 
-from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, text_of
+from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, decode_text
 
 _SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 _TEXT_KINDS: Final = frozenset("nNZ")
@@ -38,7 +38,7 @@ def read_declared_names(buffer: Buffer) -> set[str]:
     for fmt, offset in Parser(buffer):
         if fmt.number != FMT_TYPE:
             break
-        names.add(text_of(fmt.unpack(buffer, offset)[2]))
+        names.add(decode_text(fmt.unpack(buffer, offset)[2]))
     return names
 
 
@@ -47,7 +47,7 @@ def _unpack_values(fmt: Format, buffer: Buffer, offset: int) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for label, kind, value in zip(fmt.labels, fmt.values, fmt.unpack(buffer, offset), strict=True):
         if kind in _TEXT_KINDS:
-            values[label] = text_of(value)
+            values[label] = decode_text(value)
         elif isinstance(value, bytes):
             continue
         else:

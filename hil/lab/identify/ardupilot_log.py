@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_py.common.angles import radians
-from firmware_py.log.dataflash import Buffer, Parser, text_of
+from firmware_py.log.dataflash import Buffer, Parser, decode_text
 from hil.errors import UsageError
 from hil.lab.identify.onboard_log import MIN_PRESENT_FRACTION, Pair, keep_increasing, smooth_speed
 from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
@@ -90,7 +90,7 @@ def collect_series(data: Buffer) -> tuple[Series, dict[int, dict[str, float]]]:
         numbers = {label: value for label, value in row.items() if isinstance(value, int | float) and isfinite(value)}
         name = row.get("Name")
         if message_type.name == "PARM" and isinstance(name, bytes) and "Value" in numbers:
-            match = _SERVO.fullmatch(text_of(name))
+            match = _SERVO.fullmatch(decode_text(name))
             if match is not None:
                 servos[int(match[1])][match[2]] = float(numbers["Value"])
         if message_type.name == "PARM" or "TimeUS" not in numbers or numbers.get("I", 0) != 0:

@@ -117,7 +117,7 @@ ARMED_S, GUARD_S = (
     0.28,
     0.003,
 )  # time of arming and mode change; messages within GUARD_S before a tick are received at the next tick
-LOCK_MARGIN_S, LOCK_SLEW, LOCK_GAIN = 0.002, 0.005, 0.1
+LOCK_MARGIN_S, MAX_PHASE_STEP, LOCK_GAIN = 0.002, 0.005, 0.1
 PERIOD_S = 1.0 / 10.0
 MAX_STEP_S = 1.0
 
@@ -202,4 +202,4 @@ def next_deadline(deadline_s: float, newest_s: float) -> float:
         return deadline_s + PERIOD_S
     lead_s = deadline_s - (newest_s + LOCK_MARGIN_S)
     phase_s = lead_s - PERIOD_S * math.floor(lead_s / PERIOD_S + 0.5)
-    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * phase_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S))
+    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * phase_s, -MAX_PHASE_STEP * PERIOD_S, MAX_PHASE_STEP * PERIOD_S))

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.assemble.trial import TrialWatch, find_program_link
-from firmware_py.install.program_link import TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
+from firmware_py.install.program_link import TRIAL_S, UPDATE_FILE, ProgramLink, passed_line
 from firmware_py.system.store import Store
 
 
@@ -52,7 +52,7 @@ def test_trial_passes_after_its_running_time(link, store, tmp_path):
     assert texts[1:] == [trial.text] == ["Trial passed: new"]
     assert [event.text for event in notices] == texts
     store.settle()
-    assert store.load(UPDATE_FILE) == passed_text(program).encode()
+    assert store.load(UPDATE_FILE) == passed_line(program).encode()
 
 
 def test_roll_back_is_reported(link, store, tmp_path):

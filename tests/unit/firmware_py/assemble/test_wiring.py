@@ -13,7 +13,7 @@ from firmware_py.cli.run import _supervise
 from firmware_py.common.records import Severity
 from firmware_py.link.signing import KeyRecord, find_key, to_text
 from firmware_py.system.console import Console
-from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, stored_key
+from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, read_key
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
 from support.program import unused_ports
@@ -156,7 +156,7 @@ def test_early_watchdog_resets_are_counted_as_failures(vehicle, directory_with_p
 
 def test_console_prints_a_repeated_event_again(capfd):
     console = Console()
-    console.ahead("it is so")
+    console.print_early("it is so")
     for head in "abc":
         console.event(head, "it is so")
     console.close()
@@ -238,7 +238,7 @@ def test_key_set_or_removed_before_the_disk_is_mounted_is_kept(other_key, vehicl
         signing.remove_key()
     mount_disk(assembly, tmp_path)
     assembly.close()
-    record = find_key(stored_key(tmp_path / "state")).record
+    record = find_key(read_key(tmp_path / "state")).record
     assert (record and record.key) == other_key
     assert signing._key == other_key
 

@@ -31,7 +31,7 @@ from firmware_py.common.records import (
     NorthReference,
     PositionSample,
 )
-from firmware_py.system.status_file import FoundStatus, Freshness
+from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.system.store import Store
 
 VEHICLE = """
@@ -144,8 +144,8 @@ def test_lost_key_fails_and_readable_key_is_a_warning(check, state):
 
 
 def test_running_autopilot_is_a_warning(check, monkeypatch):
-    status = FoundStatus(Freshness.RUNNING, {"pid": 77}, 0.1)
-    monkeypatch.setattr("firmware_py.cli.preflight.find", lambda _directory, _now_s: status)
+    status = StatusReading(Freshness.RUNNING, {"pid": 77}, 0.1)
+    monkeypatch.setattr("firmware_py.cli.preflight.find_status", lambda _directory, _now_s: status)
     finding = check()["state"][0]
     assert (finding["level"], "process 77" in finding["text"]) == ("warn", True)
 

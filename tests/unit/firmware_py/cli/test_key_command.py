@@ -13,7 +13,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.link.signing import KeyState, find_key
-from firmware_py.system.state_directory import stored_key
+from firmware_py.system.state_directory import read_key
 from firmware_py.system.store import Store
 
 PASSPHRASE = b"seaworthy"
@@ -41,7 +41,7 @@ def state_with_key(state, set_input, capsys):
 
 
 def key_in(directory):
-    record = find_key(stored_key(directory)).record
+    record = find_key(read_key(directory)).record
     return record and record.key
 
 
@@ -161,7 +161,7 @@ def test_lost_key_has_a_cause_and_can_be_removed(state_with_key, capsys):
     names = ["signing.key.0", "signing.key.1"]
     assert shown_state(capsys, state_with_key) == {"state": "lost", "problem": problem, "readable_by_others": names}
     assert main(["key", "remove", "--state", str(state_with_key)]) == 0
-    assert find_key(stored_key(state_with_key)).state is KeyState.ABSENT
+    assert find_key(read_key(state_with_key)).state is KeyState.ABSENT
 
 
 def test_key_of_another_user_is_unreadable_not_lost(state_with_key, capsys, monkeypatch):

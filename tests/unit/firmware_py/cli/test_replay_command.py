@@ -34,7 +34,7 @@ def write_with_checkpoint(path, change):
     tick, sequence = records[first_tick_number], records[ends[0]][0].unpack(records[ends[0]][1], 0)[1]
     state = schema.CHECKPOINT.pack_text(1.0, Tick(0, 1.0, 0.0, 0, 10.0), change(text))
     other_records = [record for fmt, record, _ in records[first_tick_number + 1 : ends[0]] if fmt.name != "CHK"]
-    batch = schema.end_bytes(tick[1] + state + b"".join(other_records), 1.0, sequence)
+    batch = schema.append_end(tick[1] + state + b"".join(other_records), 1.0, sequence)
     second_tick, end = (records[number][2] + records[number][0].length for number in (ends[0], ends[10]))
     path.write_bytes(data[: tick[2]] + batch + data[second_tick:end])
     return str(path)

@@ -28,7 +28,7 @@ from firmware_py.system.state_directory import (
     SIGNING_FILE,
     STATE_NAMES,
     StateFiles,
-    stored_key,
+    read_key,
 )
 from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, Export, pack, unpack
 from firmware_py.system.store import Store
@@ -141,7 +141,7 @@ def test_key_is_exported_only_with_key(exported, new, old, tmp_path, capsys):
     assert KEY.hex() in path.read_text()
     assert mode_of(path) == 0o600
     assert import_state(path, old) == 0
-    record = find_key(stored_key(old)).record
+    record = find_key(read_key(old)).record
     assert record.key == KEY
     assert record.timestamp > 10**15 / 100  # the present time, so that frames signed earlier are not accepted
     assert {mode_of(slot_path(old, SIGNING_FILE, slot)) for slot in SLOTS} == {0o600}
@@ -151,7 +151,7 @@ def test_key_is_exported_only_with_key(exported, new, old, tmp_path, capsys):
 def test_import_without_key_keeps_the_key(exported, tmp_path):
     directory = make_state(tmp_path / "keyed", OLD, OTHER_KEY)
     assert import_state(exported, directory) == 0
-    assert find_key(stored_key(directory)).record.key == OTHER_KEY
+    assert find_key(read_key(directory)).record.key == OTHER_KEY
 
 
 def test_damaged_file_is_refused(exported, refused):

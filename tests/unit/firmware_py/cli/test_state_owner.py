@@ -8,7 +8,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.cli import preflight
 from firmware_py.cli.state_owner import state_directory_of
-from firmware_py.install.service_files import Service, unit_text
+from firmware_py.install.service_files import Service, build_unit
 from firmware_py.vehicle import load
 from support.paths import ROOT
 
@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / name).write_bytes(EXAMPLE.read_bytes())
     (tmp_path / "link.toml").symlink_to("boat.toml")
     service = Service((str(tmp_path / "bin/rambler"),), tmp_path / "boat.toml", Path("/srv/boat"))
-    (tmp_path / "rambler.service").write_text(unit_text(service))
+    (tmp_path / "rambler.service").write_text(build_unit(service))
     return tmp_path
 
 

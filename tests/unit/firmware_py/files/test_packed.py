@@ -19,26 +19,26 @@ from firmware_py.files.packed import (
 SIZES = (0, 1, 90, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 3 * BLOCK_BYTES + 77)
 
 
-def content_of(size):
+def make_content(size):
     return (b"rudder %d, " * (size // 9 + 2) % tuple(range(size // 9 + 2)))[:size]
 
 
-def packed(content):
-    members = [pack_block(content[at : at + BLOCK_BYTES]) for at in range(0, len(content), BLOCK_BYTES)]
+def pack(content):
+    members = [pack_block(content[offset : offset + BLOCK_BYTES]) for offset in range(0, len(content), BLOCK_BYTES)]
     return b"".join(members) + pack_index(len(content), [len(member) for member in members])
 
 
-def opened(path, data):
+def open_packed(path, data):
     path.write_bytes(data)
     return PackedFile(os.open(path, os.O_RDONLY))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_gzip_and_packed_file_read_it(tmp_path, size):
-    content = content_of(size)
-    data = packed(content)
+    content = make_content(size)
+    data = pack(content)
     assert gzip.decompress(data) == content
-    file = opened(tmp_path / "a.BIN.gz", data)
+    file = open_packed(tmp_path / "a.BIN.gz", data)
     assert (file.size, file.read(0, size + 10)) == (size, content)
     file.close()
     assert size < BLOCK_BYTES or len(data) < size / 2
@@ -46,17 +46,17 @@ def test_gzip_and_packed_file_read_it(tmp_path, size):
 
 @given(st.integers(0, 3 * BLOCK_BYTES + 100), st.integers(0, 2 * BLOCK_BYTES))
 def test_random_access_matches_the_log(tmp_path_factory, offset, count):
-    content = content_of(SIZES[-1])
-    file = opened(tmp_path_factory.getbasetemp() / "any.BIN.gz", packed(content))
+    content = make_content(SIZES[-1])
+    file = open_packed(tmp_path_factory.getbasetemp() / "any.BIN.gz", pack(content))
     assert file.read(offset, count) == content[offset : offset + count]
     file.close()
 
 
 def test_damaged_block_is_an_error_others_are_readable(tmp_path):
-    content = content_of(SIZES[-1])
-    data = bytearray(packed(content))
+    content = make_content(SIZES[-1])
+    data = bytearray(pack(content))
     data[len(pack_block(content[:BLOCK_BYTES])) + 100] ^= 0x10  # in the second block
-    file = opened(tmp_path / "a.BIN.gz", bytes(data))
+    file = open_packed(tmp_path / "a.BIN.gz", bytes(data))
     assert file.read(0, 1000) == content[:1000]
     assert file.read(2 * BLOCK_BYTES, 1000) == content[2 * BLOCK_BYTES :][:1000]
     with pytest.raises(OSError, match="damaged"):
@@ -66,22 +66,22 @@ def test_damaged_block_is_an_error_others_are_readable(tmp_path):
 
 @pytest.mark.parametrize("cut", [0, 1, 13, 14, 20, 1000])
 def test_incomplete_or_other_file_is_refused_and_closed(tmp_path, cut):
-    data = packed(content_of(SIZES[-1]))
-    before = len(list(Path("/proc/self/fd").iterdir()))
+    data = pack(make_content(SIZES[-1]))
+    open_count = len(list(Path("/proc/self/fd").iterdir()))
     for other in (data[: len(data) - cut - 1], gzip.compress(b"another program"), data[cut + 1 :]):
         with pytest.raises(OSError, match="gzip -d"):
-            opened(tmp_path / "a.BIN.gz", other)
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
+            open_packed(tmp_path / "a.BIN.gz", other)
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_count
 
 
 @given(st.data())
 def test_any_bytes_are_read_or_raise_oserror(tmp_path_factory, data):
-    content = bytearray(packed(content_of(BLOCK_BYTES + 5)))
+    content = bytearray(pack(make_content(BLOCK_BYTES + 5)))
     for _ in range(data.draw(st.integers(1, 4))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path = tmp_path_factory.getbasetemp() / "odd.BIN.gz"
     try:
-        file = opened(path, bytes(content))
+        file = open_packed(path, bytes(content))
     except OSError:
         return
     try:
@@ -94,13 +94,13 @@ def test_any_bytes_are_read_or_raise_oserror(tmp_path_factory, data):
 
 
 def test_complete_members_of_an_unfinished_file(tmp_path):
-    content = content_of(SIZES[-1])
-    members = [pack_block(content[at : at + BLOCK_BYTES]) for at in range(0, len(content), BLOCK_BYTES)]
+    content = make_content(SIZES[-1])
+    members = [pack_block(content[offset : offset + BLOCK_BYTES]) for offset in range(0, len(content), BLOCK_BYTES)]
     sizes = [len(member) for member in members]
     path = tmp_path / "part"
     data = b"".join(members)
-    for kept, expected in ((0, []), (sizes[0], sizes[:1]), (sum(sizes[:2]) + 7, sizes[:2]), (len(data), sizes)):
-        path.write_bytes(data[:kept])
+    for size, expected in ((0, []), (sizes[0], sizes[:1]), (sum(sizes[:2]) + 7, sizes[:2]), (len(data), sizes)):
+        path.write_bytes(data[:size])
         descriptor = os.open(path, os.O_RDONLY)
         assert complete_members(descriptor) == expected
         os.close(descriptor)
@@ -114,7 +114,7 @@ def test_compressed_log_is_found_by_its_original_name(tmp_path):
     path = tmp_path / "00000001.BIN"
     with pytest.raises(FileNotFoundError):
         open_log(path)
-    packed_path(path).write_bytes(packed(b"abc"))
+    packed_path(path).write_bytes(pack(b"abc"))
     for name in (path, packed_path(path)):
         file = open_log(name)
         assert (file.size, file.read(1, 9)) == (3, b"bc")

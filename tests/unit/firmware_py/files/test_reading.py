@@ -41,11 +41,11 @@ REFUSED_FILES = {
 def test_other_types_and_large_files_are_refused_without_reading(make, tmp_path, monkeypatch):
     make(tmp_path / "file")
     monkeypatch.setattr(os, "read", lambda *_: pytest.fail("the file was read"))
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    with pytest.raises(OSError) as caught:
+    open_count = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(OSError) as error:
         read_regular(tmp_path / "file", 1 << 20)
-    assert caught.value.strerror == REFUSED_FILES[make]
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    assert error.value.strerror == REFUSED_FILES[make]
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_count
 
 
 def test_nul_in_name_is_an_oserror(tmp_path):
@@ -59,28 +59,28 @@ def test_links_are_followed_only_on_request(tmp_path):
     assert read_regular(tmp_path / "link", 7) == b"content"
     for create in (0, os.O_CREAT):
         with pytest.raises(OSError, match="is a symbolic link"):
-            open_regular(tmp_path / "link", flags=os.O_RDWR | create, follow=False)
+            open_regular(tmp_path / "link", flags=os.O_RDWR | create, follow_symlinks=False)
     (tmp_path / "file").unlink()
     with pytest.raises(OSError, match="is a symbolic link"):
-        open_regular(tmp_path / "link", flags=os.O_RDWR | os.O_CREAT, mode=0o600, follow=False)
+        open_regular(tmp_path / "link", flags=os.O_RDWR | os.O_CREAT, mode=0o600, follow_symlinks=False)
     assert not (tmp_path / "file").exists()
 
 
 def test_file_replaced_after_the_check_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
-    real_open = os.open
+    original_open = os.open
     for replace in (os.mkfifo, link_to_device):
 
         def open_replaced(path, flags, mode=0, replace=replace):
             path.unlink()
             replace(path)
-            return real_open(path, flags, mode)
+            return original_open(path, flags, mode)
 
         monkeypatch.setattr(os, "open", open_replaced)
-        with pytest.raises(OSError) as caught:
-            read_regular(tmp_path / "file", 10, follow=False)
+        with pytest.raises(OSError) as error:
+            read_regular(tmp_path / "file", 10, follow_symlinks=False)
         monkeypatch.undo()
-        assert caught.value.errno in (errno.EINVAL, errno.ELOOP)
+        assert error.value.errno in (errno.EINVAL, errno.ELOOP)
         (tmp_path / "file").unlink()
         (tmp_path / "file").write_bytes(b"")
 

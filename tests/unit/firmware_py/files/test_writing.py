@@ -10,9 +10,9 @@ from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE, PRIVATE_MODE, e
 
 @pytest.fixture(params=[0o000, 0o022, 0o077, 0o777])
 def umask(request):
-    before = os.umask(request.param)
+    previous = os.umask(request.param)
     yield request.param
-    os.umask(before)
+    os.umask(previous)
 
 
 def mode(path):
@@ -22,19 +22,19 @@ def mode(path):
 def test_modes_are_independent_of_the_umask(umask, tmp_path):
     with exact_modes():
         make_directory(tmp_path / "a" / "b")
-        for name, wanted in (("file", FILE_MODE), ("key", PRIVATE_MODE)):
-            os.close(os.open(tmp_path / "a" / name, os.O_CREAT | os.O_WRONLY, wanted))
+        for name, mode_bits in (("file", FILE_MODE), ("key", PRIVATE_MODE)):
+            os.close(os.open(tmp_path / "a" / name, os.O_CREAT | os.O_WRONLY, mode_bits))
     assert os.umask(umask) == umask
     assert (mode(tmp_path / "a"), mode(tmp_path / "a" / "b")) == (DIRECTORY_MODE, DIRECTORY_MODE)
     assert (mode(tmp_path / "a" / "file"), mode(tmp_path / "a" / "key")) == (0o640, 0o600)
 
 
 def test_modes_without_exact_modes_are_not_wider(tmp_path):
-    before = os.umask(0)
+    previous = os.umask(0)
     try:
         make_directory(tmp_path / "a" / "b")
     finally:
-        os.umask(before)
+        os.umask(previous)
     assert (mode(tmp_path / "a"), mode(tmp_path / "a" / "b")) == (0o750, 0o750)
 
 

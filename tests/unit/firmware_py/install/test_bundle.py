@@ -26,25 +26,25 @@ KEYGEN = shutil.which("ssh-keygen")
 
 @pytest.fixture
 def make(tmp_path):
-    def made(version="0.2.0", utc_s=1000, key=None, name="b.bundle", files=FILES):
+    def create(version="0.2.0", utc_s=1000, key=None, name="b.bundle", files=FILES):
         (folder := tmp_path / f"files of {name}").mkdir()
         for file, content in files.items():
             (folder / file).write_bytes(content)
         bundle_maker().write_bundle(folder, tmp_path / name, version, "abcd1234", utc_s, key)
         return tmp_path / name
 
-    return made
+    return create
 
 
 def refusal(path, folder, signers=None):
     shutil.rmtree(folder, ignore_errors=True)
-    with pytest.raises(UpdateError) as caught:
+    with pytest.raises(UpdateError) as error:
         unpack(path, folder, signers)
-    return str(caught.value)
+    return str(error.value)
 
 
-def repacked(path, change):
-    """The members of a bundle, changed, as a bundle again."""
+def repack(path, change):
+    """Change the members of a bundle."""
     with tarfile.open(path) as archive:
         members = [(member, archive.extractfile(member).read()) for member in archive]
     with tarfile.open(path, "w:") as archive:
@@ -60,9 +60,9 @@ def test_bundle_round_trip(make, tmp_path):
     assert bundle.title == "0.2.0 (git abcd1234)"
     assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES
     assert read_list((tmp_path / "out" / LIST).read_bytes()) == bundle
-    assert bundle.of("pip") == "pip-25.3-py3-none-any.whl"
+    assert bundle.wheel_of("pip") == "pip-25.3-py3-none-any.whl"
     with pytest.raises(UpdateError, match="no wheel of numpy"):
-        bundle.of("numpy")
+        bundle.wheel_of("numpy")
 
 
 def test_same_files_make_the_same_bundle(make):
@@ -71,25 +71,25 @@ def test_same_files_make_the_same_bundle(make):
 
 def test_truncated_bundle_is_refused(make, tmp_path):
     path = make()
-    whole = path.read_bytes()
+    content = path.read_bytes()
     with tarfile.open(path) as archive:
         end = max(member.offset_data + member.size for member in archive)
     for length in (*range(0, end, 97), end - 1):
-        path.write_bytes(whole[:length])
+        path.write_bytes(content[:length])
         assert "copy it again" in (output := refusal(path, tmp_path / "out")) or "not a bundle" in output, length
 
 
 def test_changed_byte_is_detected_or_has_no_effect(make, tmp_path):
     path = make()
-    whole = path.read_bytes()
-    for place in range(0, len(whole), 61):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+    content = path.read_bytes()
+    for offset in range(0, len(content), 61):
+        path.write_bytes(content[:offset] + bytes([content[offset] ^ 0x55]) + content[offset + 1 :])
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         try:
             unpack(path, tmp_path / "out", None)
         except UpdateError:
             continue
-        assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES, place
+        assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES, offset
 
 
 def link_last(members):
@@ -107,35 +107,35 @@ def link_last(members):
     ids=["unlisted file", "repeated file", "link"],
 )
 def test_changed_members_are_refused(make, tmp_path, change, text):
-    assert text in refusal(repacked(make(), change), tmp_path / "out")
+    assert text in refusal(repack(make(), change), tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/b", "", ".hidden", "x" * 300])
 def test_path_names_are_refused(name):
-    listed = {name: {"bytes": 1, "sha256": "0" * 64}}
-    data = {"format": 1, "version": "1.0.0", "commit": "", "commit_utc_s": 0, "files": listed}
+    files = {name: {"bytes": 1, "sha256": "0" * 64}}
+    data = {"format": 1, "version": "1.0.0", "commit": "", "commit_utc_s": 0, "files": files}
     with pytest.raises(UpdateError, match="invalid entry"):
         read_list(json.dumps(data).encode())
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{}", b"\xff", b'{"format": 2}', b"[" * 100_000, b'{"format": 1}'])
 def test_invalid_list_is_a_one_line_error(content):
-    with pytest.raises(UpdateError) as caught:
+    with pytest.raises(UpdateError) as error:
         read_list(content)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.fixture
 def key(tmp_path):
     if KEYGEN is None:
-        pytest.skip("ssh-keygen is not there (openssh-client)")
+        pytest.skip("ssh-keygen is not installed (openssh-client)")
 
-    def made(name):
-        words = [KEYGEN, "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(tmp_path / name)]
-        subprocess.run(words, check=True)
+    def create(name):
+        command = [KEYGEN, "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(tmp_path / name)]
+        subprocess.run(command, check=True)
         return tmp_path / name
 
-    return made
+    return create
 
 
 @pytest.fixture
@@ -147,7 +147,7 @@ def signers(tmp_path, key):
 
 def test_only_signed_bundles_are_accepted(make, tmp_path, key, signers):
     assert unpack(make(key=tmp_path / "owner"), tmp_path / "out", signers).version == "0.2.0"
-    assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0", "no signature required"
+    assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0"
     assert "not signed, but" in refusal(make(name="unsigned"), tmp_path / "out", signers)
     assert "not signed by one of" in refusal(make(name="stranger", key=key("stranger")), tmp_path / "out", signers)
 
@@ -158,22 +158,22 @@ def test_signature_covers_the_list_and_is_checked_first(make, tmp_path, signers)
         signature = archive.extractfile(SIGNATURE).read()
     other = make(version="0.3.0", name="other", key=tmp_path / "owner")
 
-    def exchange(members):
+    def replace_signature(members):
         return [(member, signature if member.name == SIGNATURE else content) for member, content in members]
 
-    assert "not signed by one of" in refusal(repacked(other, exchange), tmp_path / "out", signers)
+    assert "not signed by one of" in refusal(repack(other, replace_signature), tmp_path / "out", signers)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {SIGNATURE}
 
 
 def test_signature_of_another_namespace_is_refused(make, tmp_path, signers):
-    def other_use(members):
+    def sign_for_files(members):
         content = members[0][1]
-        words = [KEYGEN, "-Y", "sign", "-f", str(tmp_path / "owner"), "-n", "file"]
-        signature = subprocess.run(words, input=content, check=True, capture_output=True).stdout
+        command = [KEYGEN, "-Y", "sign", "-f", str(tmp_path / "owner"), "-n", "file"]
+        signature = subprocess.run(command, input=content, check=True, capture_output=True).stdout
         return [members[0], (tarfile.TarInfo(SIGNATURE), signature), *members[2:]]
 
     signed = make(key=tmp_path / "owner")
-    assert "not signed by one of" in refusal(repacked(signed, other_use), tmp_path / "out", signers)
+    assert "not signed by one of" in refusal(repack(signed, sign_for_files), tmp_path / "out", signers)
 
 
 def test_versions_are_ordered():
@@ -185,7 +185,7 @@ def test_versions_are_ordered():
 
 
 @pytest.mark.parametrize(
-    ("version", "commit_utc_s", "older"),
+    ("version", "commit_utc_s", "expected"),
     [
         ("0.3.0", None, True),
         ("0.2.0", None, False),
@@ -194,12 +194,12 @@ def test_versions_are_ordered():
         ("0.1.9", 9000, False),
     ],
 )
-def test_older_by_version_then_by_commit_time(make, tmp_path, version, commit_utc_s, older):
-    assert is_older(unpack(make(), tmp_path / "out", None), version, commit_utc_s) is older
+def test_older_by_version_then_by_commit_time(make, tmp_path, version, commit_utc_s, expected):
+    assert is_older(unpack(make(), tmp_path / "out", None), version, commit_utc_s) is expected
 
 
 @pytest.mark.parametrize(
-    ("machine", "python", "missing"),
+    ("machine", "python", "is_refused"),
     [
         ("aarch64", (3, 13), False),
         ("aarch64", (3, 11), False),
@@ -207,15 +207,15 @@ def test_older_by_version_then_by_commit_time(make, tmp_path, version, commit_ut
         ("x86_64", (3, 13), True),
     ],
 )
-def test_bundle_for_other_computers_names_the_make_command(make, machine, python, missing):
+def test_bundle_for_other_computers_names_the_make_command(make, machine, python, is_refused):
     names = [f"lxml-6.1-cp{n}-cp{n}-manylinux_2_26_aarch64.manylinux_2_28_aarch64.whl" for n in (311, 313)]
     more = ["fastcrc-0.5-cp37-abi3-manylinux2014_aarch64.whl", "fastcrc-0.5-cp37-abi3-manylinux2014_x86_64.whl"]
     more += ["pyserial-3.5-py2.py3-none-any.whl", "hidapi-1.0-1-py3-none-manylinux_2_17_aarch64.whl"]
     path = make(files=FILES | dict.fromkeys((*names, *more), b""))
     bundle = unpack(path, path.with_name("out"), None)
-    if not missing:
+    if not is_refused:
         check_computer(bundle, machine, python)
     else:
-        wanted = rf"for other computers .*; make bundle FOR={machine}:{python[0]}\.{python[1]}$"
-        with pytest.raises(UpdateError, match=wanted):
+        remedy = rf"for other computers .*; make bundle FOR={machine}:{python[0]}\.{python[1]}$"
+        with pytest.raises(UpdateError, match=remedy):
             check_computer(bundle, machine, python)

@@ -19,11 +19,11 @@ from firmware_py.install.service_files import (
     STATE,
     Page,
     Service,
+    build_page_unit,
+    build_unit,
     example,
     is_hidden,
-    page_unit_text,
     service_files,
-    unit_text,
 )
 from firmware_py.install.steps import InstallError, check
 from firmware_py.loop import WATCHDOG_INTERVAL_S
@@ -33,7 +33,6 @@ from support.paths import ROOT
 from support.service_manager import parse, seconds, words
 
 ANALYZE = shutil.which("systemd-analyze")
-NO_SYSTEMD = "systemd-analyze is not there (apt-get install systemd)"
 MAX_EXPOSURE = 3.0
 SERVICE = Service((sys.executable, "-m", "firmware_py"), Path("/etc/rambler/boat.toml"))
 OPEN_PAGE = Page("0.0.0.0:8046", Path("/etc/rambler/view%.token"))
@@ -42,17 +41,17 @@ OPEN_PAGE = Page("0.0.0.0:8046", Path("/etc/rambler/view%.token"))
 @pytest.fixture(params=["rambler", "rambler-view"])
 def unit_file(tmp_path, request):
     path = tmp_path / f"{request.param}.service"
-    path.write_text(unit_text(SERVICE) if request.param == "rambler" else page_unit_text(SERVICE, OPEN_PAGE))
+    path.write_text(build_unit(SERVICE) if request.param == "rambler" else build_page_unit(SERVICE, OPEN_PAGE))
     return path
 
 
 def test_unit_restarts_without_limit_except_after_shut_down():
-    unit = parse(unit_text(SERVICE))
+    unit = parse(build_unit(SERVICE))
     service = unit["Service"]
     assert (service["Type"], service["Restart"], unit["Unit"]["StartLimitIntervalSec"]) == ("notify", "always", "0")
     assert service["RestartPreventExitStatus"] == service["SuccessExitStatus"] == str(EXIT_SHUT_DOWN)
     assert unit["Install"]["WantedBy"] == "multi-user.target"
-    # Twice a sign of life may be lost, at the slowest rate of the loop, too.
+    # Two notifications may be lost, also at the lowest rate of the loop.
     assert seconds(service["WatchdogSec"]) > 2.0 * (WATCHDOG_INTERVAL_S + 1.0)
     assert seconds(service["RestartSec"]) < RETRY_DELAY_S
     assert words(service["ExecStart"])[-5:] == ["run", "/etc/rambler/boat.toml", "--state", str(STATE), "--wait"]
@@ -60,53 +59,52 @@ def test_unit_restarts_without_limit_except_after_shut_down():
 
 @pytest.mark.parametrize("word", ["plain", "with space", 'a"quote', "per%cent", "dol$lar", "back\\slash", "semi;colon"])
 def test_command_is_quoted_for_systemd(word):
-    text = unit_text(Service(("/opt/rambler",), Path("/etc") / word, Path("/srv") / word, Path("/dev/watchdog")))
+    text = build_unit(Service(("/opt/rambler",), Path("/etc") / word, Path("/srv") / word, Path("/dev/watchdog")))
     settings = parse(text)["Service"]
     assert words(settings["ExecStart"])[2] == f"/etc/{word}"
     assert "DeviceAllow=/dev/watchdog rw\n" in text
-    (writable,) = words(settings["ReadWritePaths"].replace("$", "$$"))  # no dollar is doubled there
+    (writable,) = words(settings["ReadWritePaths"].replace("$", "$$"))  # dollars are not escaped in paths
     assert writable.removeprefix("-") == f"/srv/{word}"
-    assert settings["ReadWritePaths"].lstrip('"').startswith("-/")  # it may be missing
+    assert settings["ReadWritePaths"].lstrip('"').startswith("-/")  # the directory may be missing
 
 
 def test_optional_settings_are_absent_by_default():
-    text = unit_text(SERVICE)
+    text = build_unit(SERVICE)
     assert "watchdog" not in text.lower().replace("watchdogsec", "")
     assert "ReadWritePaths" not in text
     assert "@COMMAND@" not in text
-    assert "ReadWritePaths" not in unit_text(Service(("/x",), Path("/y"), STATE / "disk"))
+    assert "ReadWritePaths" not in build_unit(Service(("/x",), Path("/y"), STATE / "disk"))
 
 
 @pytest.mark.parametrize("driver", ["ttyS", "ttyAMA", "ttyUSB", "ttyACM", "ttySC", "ttymxc", "ttySTM", "ttyTHS"])
 def test_device_access_covers_serial_ports_only(driver):
     """Names of /proc/devices, matched as in DeviceAllow of systemd.resource-control(5)."""
-    allowed = re.findall(r"^DeviceAllow=char-(\S+) rw$", unit_text(SERVICE), re.MULTILINE)
+    allowed = re.findall(r"^DeviceAllow=char-(\S+) rw$", build_unit(SERVICE), re.MULTILINE)
     assert any(fnmatch.fnmatchcase(driver, pattern) for pattern in allowed)
     for other in ("tty", "/dev/tty", "mem", "i2c", "spi", "hidraw", "input"):
         assert not any(fnmatch.fnmatchcase(other, pattern) for pattern in allowed)
 
 
-@pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
+def analyze(*arguments):
+    if ANALYZE is None:
+        pytest.skip("systemd-analyze is not installed (apt-get install systemd)")
+    return subprocess.run([ANALYZE, *arguments], capture_output=True, text=True, check=False, timeout=60)
+
+
 def test_systemd_verifies_the_unit(unit_file):
-    done = subprocess.run(
-        [ANALYZE, "verify", "--man=no", str(unit_file)], capture_output=True, text=True, check=False, timeout=60
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    result = analyze("verify", "--man=no", str(unit_file))
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
-@pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
 def test_exposure_is_below_3(unit_file):
-    done = subprocess.run(
-        [ANALYZE, "security", "--offline=true", "--no-pager", str(unit_file)],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
-    exposure = float(re.search(rf"Overall exposure level for {unit_file.name}: ([0-9.]+)", done.stdout)[1])
+    result = analyze("security", "--offline=true", "--no-pager", str(unit_file))
+    exposure = float(re.search(rf"Overall exposure level for {unit_file.name}: ([0-9.]+)", result.stdout)[1])
     assert exposure < MAX_EXPOSURE
 
 
 def test_manual_matches_the_unit():
     page = " ".join((ROOT / "docs/how-to/installation.md").read_text().split())
-    service = parse(unit_text(SERVICE))["Service"]
+    service = parse(build_unit(SERVICE))["Service"]
     assert f"After {service['WatchdogSec']} s without a message" in page
     assert f"tried again every {RETRY_DELAY_S:.0f} s" in page
     assert f"| {DEVICES_S:.0f} to " in page
@@ -122,7 +120,7 @@ def test_device_names_match_sockets():
             assert re.fullmatch(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"', part), part
 
 
-def test_other_programs_are_kept_from_serial_ports():
+def test_other_programs_cannot_open_serial_ports():
     (file,) = (file for file in service_files(SERVICE) if file.path.suffix == ".rules")
     assert file.path.name > "90-brltty"  # gpsd has 60, ModemManager 77 to 80, brltty 85 or 90
     (ports,) = (line for line in file.text.splitlines() if "ID_MM_PORT_IGNORE" in line)
@@ -155,10 +153,10 @@ def test_example_is_a_vehicle_file_and_never_overwrites(tmp_path, kind, capsys):
     path = tmp_path / "new" / "boat.toml"
     assert main(["example", str(path), "--kind", kind]) == 0
     assert load(path).compass.driver
-    before = path.read_text()
+    content = path.read_text()
     assert main(["example", str(path), "--kind", "shared-port"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-    assert path.read_text() == before
+    assert path.read_text() == content
 
 
 def test_example_has_no_active_settings_of_one_boat(tmp_path, capsys):
@@ -177,31 +175,30 @@ def test_example_has_no_active_settings_of_one_boat(tmp_path, capsys):
 
 @pytest.fixture
 def image(tmp_path, monkeypatch):
-    """The root of a system image, and the arguments of the programs called."""
+    """Return the root of a system image, and a function that returns the commands called."""
     root = tmp_path / "image"
     (root / "etc/rambler").mkdir(parents=True)
     assert main(["example", str(root / "etc/rambler/boat.toml")]) == 0
     (root / "usr/lib/systemd").mkdir(parents=True)
     (root / "usr/lib/systemd/systemd").touch()
-    called = tmp_path / "called"
+    calls = tmp_path / "called"
     (programs := tmp_path / "bin").mkdir()
     for name in ("systemctl", "systemd-sysusers"):
-        (programs / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{shlex.quote(str(called))}\n')
+        (programs / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{shlex.quote(str(calls))}\n')
         (programs / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
-    return root, lambda: called.read_text().splitlines() if called.exists() else []
+    return root, lambda: calls.read_text().splitlines() if calls.exists() else []
 
 
-def install(root, *more):
-    return main(
-        ["service", "install", "/etc/rambler/boat.toml", "--root", str(root), "--program", "/opt/rambler/x", *more]
-    )
+def install(root, *arguments):
+    options = ["--root", str(root), "--program", "/opt/rambler/x", *arguments]
+    return main(["service", "install", "/etc/rambler/boat.toml", *options])
 
 
 def test_install_in_image_is_idempotent_and_removable(image, capsys):
-    root, called = image
+    root, calls = image
     assert install(root) == 0
-    assert called() == [f"systemd-sysusers --root={root}", f"systemctl --root={root} --quiet enable rambler"]
+    assert calls() == [f"systemd-sysusers --root={root}", f"systemctl --root={root} --quiet enable rambler"]
     files = [root / file.path.relative_to("/") for file in service_files(SERVICE)]
     assert all(path.stat().st_mode & 0o777 == 0o644 for path in files)
     assert "ExecStart=/opt/rambler/x run /etc/rambler/boat.toml" in files[0].read_text()
@@ -218,21 +215,15 @@ def test_install_in_image_is_idempotent_and_removable(image, capsys):
 
 
 def test_live_page_has_its_own_service(image, capsys):
-    root, called = image
+    root, calls = image
     page = root / "etc/systemd/system/rambler-view.service"
     assert install(root) == 0
     assert not page.exists()
     assert install(root, "--view") == 0
-    assert called()[-1] == f"systemctl --root={root} --quiet enable rambler rambler-view"
+    assert calls()[-1] == f"systemctl --root={root} --quiet enable rambler rambler-view"
     settings = parse(page.read_text())["Service"]
-    assert words(settings["ExecStart"]) == [
-        "/opt/rambler/x",
-        "view",
-        "--state",
-        str(STATE),
-        "--listen",
-        "127.0.0.1:8046",
-    ]
+    command = ["/opt/rambler/x", "view", "--state", str(STATE), "--listen", "127.0.0.1:8046"]
+    assert words(settings["ExecStart"]) == command
     assert "LoadCredential" not in settings
     (root / "etc/rambler/view.token").write_text("0123456789abcdef\n")
     assert install(root, "--view", "0.0.0.0:80", "--view-token", "/etc/rambler/view.token") == 0
@@ -241,21 +232,21 @@ def test_live_page_has_its_own_service(image, capsys):
     assert settings["LoadCredential"] == "token:/etc/rambler/view.token"
     assert "@" not in page.read_text().replace("@system-service", "").replace("@privileged", "")
     assert install(root) == 0
-    assert page.exists(), "what was asked for once stays"
+    assert page.exists()
     capsys.readouterr()
     assert main(["service", "remove", "--root", str(root)]) == 0
-    assert called()[-1] == f"systemctl --root={root} --quiet disable rambler rambler-view"
+    assert calls()[-1] == f"systemctl --root={root} --quiet disable rambler rambler-view"
     assert not page.exists()
 
 
 def test_page_token_is_passed_by_systemd():
-    text = page_unit_text(SERVICE, OPEN_PAGE)
+    text = build_page_unit(SERVICE, OPEN_PAGE)
     assert "LoadCredential=token:/etc/rambler/view%%.token\n" in text
     assert text.count("@COMMAND@") == text.count("@CREDENTIAL@") == 0
 
 
 @pytest.mark.parametrize(
-    ("more", "remedy"),
+    ("arguments", "remedy"),
     [
         (["--view", "0.0.0.0:8046"], "needs a token"),
         (["--view", "nowhere"], "ADDRESS:PORT"),
@@ -266,26 +257,26 @@ def test_page_token_is_passed_by_systemd():
         (["--root", "/nowhere/at/all"], "no such directory"),
     ],
 )
-def test_invalid_arguments_are_refused_and_change_nothing(image, capsys, more, remedy):
-    root, called = image
-    assert install(root, *more) == 2
+def test_invalid_arguments_are_refused_and_change_nothing(image, capsys, arguments, remedy):
+    root, calls = image
+    assert install(root, *arguments) == 2
     output = capsys.readouterr().err
     assert output.count("\n") == 1
     assert remedy in output
-    assert called() == []
+    assert calls() == []
     assert not (root / "etc/systemd").exists()
 
 
 @pytest.mark.parametrize("missing", ["systemctl", "systemd-sysusers"])
 def test_missing_systemd_program_prevents_installation(image, capsys, monkeypatch, missing):
-    """As on Alpine: no files that `remove` could not delete."""
-    root, called = image
+    """Otherwise files would be written that `remove` cannot delete, as on Alpine."""
+    root, calls = image
     (root.parent / "bin" / missing).unlink()
     monkeypatch.setenv("PATH", str(root.parent / "bin"))
     assert install(root) == 2
-    assert capsys.readouterr().err == (f"rambler service install: {missing} not found; the service needs systemd\n")
+    assert f"{missing} not found" in capsys.readouterr().err
     assert not (root / "etc/systemd").exists()
-    assert called() == []
+    assert calls() == []
 
 
 def fail(path):
@@ -310,7 +301,7 @@ def test_failed_installation_names_the_reason(image, capsys, change, text):
 
 
 def test_systemd_must_run_except_in_a_chroot(image, tmp_path, monkeypatch):
-    monkeypatch.setattr("firmware_py.install.steps._RUNNING", tmp_path / "none")
+    monkeypatch.setattr("firmware_py.install.steps._SYSTEMD_RUNTIME", tmp_path / "none")
     monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", Path("/"))
     with pytest.raises(InstallError, match="systemd does not run"):
         check(SERVICE, Path("/"))
@@ -321,6 +312,6 @@ def test_systemd_must_run_except_in_a_chroot(image, tmp_path, monkeypatch):
 
 def test_only_root_changes_the_system(monkeypatch, capsys):
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    for words_of in (["install", "/etc/rambler/boat.toml"], ["remove"]):
-        assert main(["service", *words_of]) == 2
+    for arguments in (["install", "/etc/rambler/boat.toml"], ["remove"]):
+        assert main(["service", *arguments]) == 2
         assert "sudo" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The unit and its drop-ins are read as systemd reads them."""
+"""Units and their drop-ins are read as systemd reads them."""
 
 from pathlib import Path
 
@@ -6,33 +6,42 @@ import pytest
 
 from firmware_py.install import unit
 from firmware_py.install.bundle import UpdateError
-from firmware_py.install.service_files import Service, unit_text
-from firmware_py.install.unit import installation_of
+from firmware_py.install.service_files import Service, build_unit
+from firmware_py.install.unit import read_installation
 
 SERVICE = Service(("/opt/rambler",), Path("/etc/boat.toml"), Path("/srv/state"), Path("/dev/watchdog"))
 COMMAND = "/opt/rambler run /etc/boat.toml --state /srv/state --wait"
 OTHER = COMMAND.replace("/etc/boat.toml", "/etc/other.toml")
+OTHER_IN_TWO_LINES = OTHER.replace(" --state", " \\\n --state")
 
 
 @pytest.fixture
-def place(tmp_path):
-    """A directory with a unit of rambler and an empty drop-in directory."""
-    (tmp_path / "a.service").write_text(unit_text(SERVICE))
+def directory(tmp_path):
+    """Return a directory with a unit of rambler and an empty drop-in directory."""
+    (tmp_path / "a.service").write_text(build_unit(SERVICE))
     (tmp_path / "a.service.d").mkdir()
     return tmp_path
 
 
 def test_unit_with_special_characters_is_parsed(tmp_path):
     service = Service(("/usr/bin/a b/rambler",), Path("/etc/per%cent/boat.toml"), Path("/srv/state dir"))
-    (tmp_path / "unit").write_text(unit_text(service))
-    found = installation_of(tmp_path / "unit")
-    assert (found.link.path, found.vehicle, found.state) == (Path(service.program[0]), service.vehicle, service.state)
+    (tmp_path / "unit").write_text(build_unit(service))
+    installation = read_installation(tmp_path / "unit")
+    assert (installation.link.path, installation.vehicle, installation.state) == (
+        Path(service.program[0]),
+        service.vehicle,
+        service.state,
+    )
 
 
-def test_unit_is_parsed(place):
-    found = installation_of(place / "a.service")
-    assert (found.link.path, found.vehicle, found.state) == (Path("/opt/rambler"), SERVICE.vehicle, SERVICE.state)
-    assert (found.watchdog, found.unit) == (SERVICE.watchdog, unit_text(SERVICE))
+def test_unit_is_parsed(directory):
+    installation = read_installation(directory / "a.service")
+    assert (installation.link.path, installation.vehicle, installation.state) == (
+        Path("/opt/rambler"),
+        SERVICE.vehicle,
+        SERVICE.state,
+    )
+    assert (installation.watchdog, installation.unit) == (SERVICE.watchdog, build_unit(SERVICE))
 
 
 @pytest.mark.parametrize(
@@ -40,31 +49,33 @@ def test_unit_is_parsed(place):
     [
         f"[Service]\nExecStart=\nExecStart={OTHER}\n",
         f"[Service]\nExecStart =\nExecStart = -{OTHER}\nNice=-5\n",
-        "# ExecStart=/bin/false \\\n[Service]\nExecStart=\nExecStart="
-        + OTHER.replace(" --state", " \\\n --state")
-        + "\n",
+        f"# ExecStart=/bin/false \\\n[Service]\nExecStart=\nExecStart={OTHER_IN_TWO_LINES}\n",
     ],
 )
-def test_drop_in_overrides_the_unit(place, text):
-    (place / "a.service.d/override.conf").write_text(text)
-    found = installation_of(place / "a.service")
-    assert (found.vehicle, found.state, found.watchdog) == (Path("/etc/other.toml"), SERVICE.state, None)
+def test_drop_in_overrides_the_unit(directory, text):
+    (directory / "a.service.d/override.conf").write_text(text)
+    installation = read_installation(directory / "a.service")
+    assert (installation.vehicle, installation.state, installation.watchdog) == (
+        Path("/etc/other.toml"),
+        SERVICE.state,
+        None,
+    )
 
 
-def test_drop_in_order_and_masking(place, tmp_path, monkeypatch):
-    monkeypatch.setattr(unit, "UNIT", place / "a.service")
-    monkeypatch.setattr(unit, "_PLACES", (place, tmp_path / "run"))
+def test_drop_in_order_and_masking(directory, tmp_path, monkeypatch):
+    monkeypatch.setattr(unit, "UNIT", directory / "a.service")
+    monkeypatch.setattr(unit, "_UNIT_DIRECTORIES", (directory, tmp_path / "run"))
     (tmp_path / "run/a.service.d").mkdir(parents=True)
-    for where, name, vehicle in (
-        (place, "10-a.conf", "first"),
+    for unit_directory, name, vehicle in (
+        (directory, "10-a.conf", "first"),
         (tmp_path / "run", "10-a.conf", "hidden"),
         (tmp_path / "run", "20-b.conf", "last"),
     ):
         command = COMMAND.replace("/etc/boat.toml", f"/etc/{vehicle}.toml")
-        (where / "a.service.d" / name).write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
-    assert installation_of(place / "a.service").vehicle == Path("/etc/last.toml")
-    (place / "a.service.d/20-b.conf").symlink_to("/dev/null")  # how one is switched off
-    assert installation_of(place / "a.service").vehicle == Path("/etc/first.toml")
+        (unit_directory / "a.service.d" / name).write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
+    assert read_installation(directory / "a.service").vehicle == Path("/etc/last.toml")
+    (directory / "a.service.d/20-b.conf").symlink_to("/dev/null")  # masks the drop-in
+    assert read_installation(directory / "a.service").vehicle == Path("/etc/first.toml")
 
 
 @pytest.mark.parametrize(
@@ -75,11 +86,12 @@ def test_drop_in_order_and_masking(place, tmp_path, monkeypatch):
         (COMMAND, ""),
     ],
 )
-def test_drop_in_without_matching_trial_blocks_updates(place, command, text):
-    (place / "a.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
-    found = installation_of(place / "a.service")
-    assert str(found.state) in command
-    assert (text in found.blocked_reason, bool(found.blocked_reason)) == (True, bool(text))
+def test_drop_in_without_matching_trial_blocks_updates(directory, command, text):
+    (directory / "a.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
+    installation = read_installation(directory / "a.service")
+    assert str(installation.state) in command
+    assert text in installation.blocked_reason
+    assert bool(installation.blocked_reason) is bool(text)
 
 
 @pytest.mark.parametrize(
@@ -91,13 +103,13 @@ def test_drop_in_without_matching_trial_blocks_updates(place, command, text):
         "ExecStart=",
     ],
 )
-def test_drop_in_with_another_command_is_refused(place, text):
-    (place / "a.service.d/override.conf").write_text(f"[Service]\n{text}\n")
+def test_drop_in_with_another_command_is_refused(directory, text):
+    (directory / "a.service.d/override.conf").write_text(f"[Service]\n{text}\n")
     with pytest.raises(UpdateError, match="not a current unit"):
-        installation_of(place / "a.service")
+        read_installation(directory / "a.service")
 
 
-def test_unreadable_drop_in_is_refused(place):
-    (place / "a.service.d/override.conf").symlink_to(place / "gone")
+def test_unreadable_drop_in_is_refused(directory):
+    (directory / "a.service.d/override.conf").symlink_to(directory / "gone")
     with pytest.raises(UpdateError, match=r"override\.conf: No such file"):
-        installation_of(place / "a.service")
+        read_installation(directory / "a.service")

@@ -1,4 +1,4 @@
-"""The computer's clock is set from GPS only when it has no better time, and never by one wrong word."""
+"""The computer's clock is set from GPS if it is wrong and not synchronised, and only by times that agree."""
 
 import math
 
@@ -14,103 +14,101 @@ TRUE_S = FIRST_UTC_S + 1e7
 class Computer:
     """A calendar clock, synchronised or not."""
 
-    def __init__(self, utc_s, *, kept=False, may=True):
+    def __init__(self, utc_s, *, is_synchronised=False, is_permitted=True):
         self.offset_s = utc_s
-        self.kept, self.may = kept, may
+        self.is_permitted = is_permitted
         self.now_s = 0.0
-        self.sets = []
-        self.setter = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
+        self.times_set_s = []
+        self.setter = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: is_synchronised)
 
     def set(self, utc_s):
-        self.sets.append(utc_s)
-        if self.may:
+        self.times_set_s.append(utc_s)
+        if self.is_permitted:
             self.offset_s = utc_s - self.now_s
-        return self.may
+        return self.is_permitted
 
-    def turn(self, policy, fixes=(), count=20):
-        """Turn for some seconds with a fix each; return the texts of the events."""
+    def run(self, policy, offsets_s=(None,), seconds=20, station_s=None):
+        """Pass a fix per second with its UTC offset, and the time of a station; return the texts of the events."""
         texts = []
-        for index in range(count):
+        for index in range(seconds):
+            if station_s is not None:
+                self.setter.add_station_time(station_s + self.now_s, self.now_s)
             self.now_s += 1.0
-            utc_s = fixes[index % len(fixes)] if fixes else None
-            utc_s = None if utc_s is None else utc_s + self.now_s
-            sample = PositionSample(self.now_s - 0.1, FixType.FIX_3D, utc_s=None if utc_s is None else utc_s - 0.1)
+            offset_s, t_s = offsets_s[index % len(offsets_s)], self.now_s - 0.1
+            sample = PositionSample(t_s, FixType.FIX_3D, utc_s=None if offset_s is None else offset_s + t_s)
             texts += [event.text for event in self.setter.update(policy, [sample], self.now_s)]
         return texts
 
 
 @pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
-@pytest.mark.parametrize("kept", [False, True])
-@pytest.mark.parametrize("shown_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
-def test_an_impossible_clock_is_set_once(policy, kept, shown_s):
-    computer = Computer(shown_s, kept=kept)
-    texts = computer.turn(policy, [TRUE_S], 7200)
-    assert len(computer.sets) == 1
+@pytest.mark.parametrize("is_synchronised", [False, True])
+@pytest.mark.parametrize("wrong_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
+def test_an_impossible_clock_is_set_once(policy, is_synchronised, wrong_s):
+    computer = Computer(wrong_s, is_synchronised=is_synchronised)
+    texts = computer.run(policy, [TRUE_S], 7200)
+    assert len(computer.times_set_s) == 1
     assert computer.offset_s == pytest.approx(TRUE_S)
-    assert texts == [f"Clock set from GPS: it was {shown_s - TRUE_S:.0f} s off"]
+    assert texts == [f"Clock set from GPS: it was {wrong_s - TRUE_S:.0f} s off"]
 
 
 @pytest.mark.parametrize(
-    ("policy", "error_s", "kept", "sets"),
+    ("policy", "error_s", "is_synchronised", "count"),
     [
         (SET_NEVER, -TRUE_S, False, 0),
-        (SET_IF_INVALID, 100.0, False, 0),  # wrong, but not plainly
+        (SET_IF_INVALID, 100.0, False, 0),  # within its tolerance
         (SET_IF_INVALID, 2 * DAY_S, False, 1),
         (SET_IF_INVALID, -6e6, False, 1),
         (SET_IF_INVALID, 6e8, True, 0),
         (SET_IF_UNSYNCHRONISED, 100.0, False, 1),
         (SET_IF_UNSYNCHRONISED, -100.0, False, 1),
         (SET_IF_UNSYNCHRONISED, 1.5, False, 0),
-        (SET_IF_UNSYNCHRONISED, 100.0, True, 0),  # NTP knows better
+        (SET_IF_UNSYNCHRONISED, 100.0, True, 0),
     ],
 )
-def test_the_clock_is_set_only_beyond_its_tolerance(policy, error_s, kept, sets):
-    computer = Computer(TRUE_S + error_s, kept=kept)
-    computer.turn(policy, [TRUE_S], 60)
-    assert len(computer.sets) == sets
+def test_the_clock_is_set_only_beyond_its_tolerance(policy, error_s, is_synchronised, count):
+    computer = Computer(TRUE_S + error_s, is_synchronised=is_synchronised)
+    computer.run(policy, [TRUE_S], 60)
+    assert len(computer.times_set_s) == count
 
 
 @pytest.mark.parametrize(
-    "fixes",
+    "offsets_s",
     [
         [TRUE_S, TRUE_S + 3.0],  # they do not agree
         [TRUE_S, TRUE_S, TRUE_S, TRUE_S, TRUE_S + 1e6],
-        [FIRST_UTC_S - 1e8],  # a receiver whose week has rolled over
-        [math.nan], [math.inf], [1e300], [-1e300],
-        [None],
+        [FIRST_UTC_S - 1e8],  # a receiver after a week rollover
+        *([value] for value in (math.nan, math.inf, 1e300, -1e300, None)),
     ],
-)  # fmt: skip
-def test_inconsistent_and_impossible_times_are_ignored(fixes):
+)
+def test_inconsistent_and_impossible_times_are_ignored(offsets_s):
     computer = Computer(1000.0)
-    assert computer.turn(SET_IF_INVALID, fixes, 300) == []
-    assert computer.sets == []
+    assert computer.run(SET_IF_INVALID, offsets_s, 300) == []
+    assert computer.times_set_s == []
 
 
 @pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
 def test_a_clock_set_wrong_during_the_run_is_corrected_within_two_minutes(policy):
     computer = Computer(TRUE_S)
-    assert computer.turn(policy, [TRUE_S], 300) == []
+    assert computer.run(policy, [TRUE_S], 300) == []
     computer.offset_s += 6e8
-    assert computer.turn(policy, [TRUE_S], 120) == ["Clock set from GPS: it was 600000000 s off"]
+    assert computer.run(policy, [TRUE_S], 120) == ["Clock set from GPS: it was 600000000 s off"]
     assert computer.offset_s == pytest.approx(TRUE_S)
 
 
 def test_a_missing_permission_is_reported_once_an_hour():
-    computer = Computer(1000.0, may=False)
-    texts = computer.turn(SET_IF_INVALID, [TRUE_S], 7000)
-    assert len(texts) == len(computer.sets) == 2
+    computer = Computer(1000.0, is_permitted=False)
+    texts = computer.run(SET_IF_INVALID, [TRUE_S], 7000)
+    assert len(texts) == len(computer.times_set_s) == 2
     assert "CAP_SYS_TIME" in texts[0]
 
 
-def test_the_time_of_a_ground_station_is_used_without_gps():
-    computer = Computer(1000.0)
-    for _ in range(5):
-        computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
-        texts = computer.turn(SET_IF_INVALID, count=1)
-    assert texts == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
-    for policy, utc_s in ((SET_IF_UNSYNCHRONISED, TRUE_S + 100.0), (SET_NEVER, 1000.0)):
-        computer = Computer(utc_s)
-        for _ in range(9):
-            computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
-            computer.turn(policy, count=1)
-        assert computer.sets == []
+@pytest.mark.parametrize(
+    ("policy", "utc_s", "seconds", "texts"),
+    [
+        (SET_IF_INVALID, 1000.0, 5, [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]),
+        (SET_IF_UNSYNCHRONISED, TRUE_S + 100.0, 9, []),
+        (SET_NEVER, 1000.0, 9, []),
+    ],
+)
+def test_without_gps_the_time_of_a_ground_station_corrects_an_impossible_clock(policy, utc_s, seconds, texts):
+    assert Computer(utc_s).run(policy, seconds=seconds, station_s=TRUE_S) == texts

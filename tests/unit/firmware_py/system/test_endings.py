@@ -1,4 +1,4 @@
-"""How the runs before have ended: read from what they left, counted, kept."""
+"""Endings of earlier runs: collected, counted and stored."""
 
 import math
 import subprocess
@@ -17,9 +17,9 @@ from firmware_py.system.endings import (
     EndingRecorder,
     Endings,
     collect_endings,
-    ending_of,
+    find_location,
     from_bytes,
-    location_of,
+    parse_ending,
     to_bytes,
 )
 
@@ -27,24 +27,24 @@ NOW_S = 1_767_225_600.0
 
 
 @pytest.mark.parametrize(
-    ("line", "why", "text"),
+    ("line", "reason", "text"),
     [
-        ("1767225500 success exited 0", "stopped", ""),
-        ("1767225500 success exited 10", "shut down", ""),
-        ("1767225500 exit-code exited 10", "shut down", ""),
-        ("1767225500 exit-code exited 11", "stuck", ""),
-        ("1767225500 exit-code exited 2", "failed", "exit code 2"),
-        ("1767225500 signal killed KILL", "killed", "SIGKILL"),
-        ("1767225500 signal killed SEGV", "crashed", "SIGSEGV"),
-        ("1767225500 core-dump dumped ABRT", "crashed", ""),
-        ("1767225500 watchdog killed ABRT", "watchdog", ""),
-        ("1767225500 oom-kill killed KILL", "out of memory", ""),
-        ("1767225500 timeout killed ABRT", "watchdog", ""),
-        ("1767225500 protocol", "failed", ""),
+        ("success exited 0", "stopped", ""),
+        ("success exited 10", "shut down", ""),
+        ("exit-code exited 10", "shut down", ""),
+        ("exit-code exited 11", "stuck", ""),
+        ("exit-code exited 2", "failed", "exit code 2"),
+        ("signal killed KILL", "killed", "SIGKILL"),
+        ("signal killed SEGV", "crashed", "SIGSEGV"),
+        ("core-dump dumped ABRT", "crashed", ""),
+        ("watchdog killed ABRT", "watchdog", ""),
+        ("oom-kill killed KILL", "out of memory", ""),
+        ("timeout killed ABRT", "watchdog", ""),
+        ("protocol", "failed", ""),
     ],
 )
-def test_each_result_of_the_service_manager_has_a_reason(line, why, text):
-    assert ending_of(line, NOW_S) == Ending(why, text, 1767225500.0)
+def test_each_result_of_the_service_manager_has_a_reason(line, reason, text):
+    assert parse_ending(f"1767225500 {line}", NOW_S) == Ending(reason, text, 1767225500.0)
 
 
 def test_endings_are_collected_once_with_their_reason(tmp_path):
@@ -58,48 +58,42 @@ def test_endings_are_collected_once_with_their_reason(tmp_path):
     assert collect_endings(None, NOW_S) == ()
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        "",
-        '\nCurrent thread\'s C stack trace (most recent call first):\n  Binary file "/usr/bin/python3", at main+0x3\n',
-    ],
-    ids=["Python 3.11 to 3.13", "Python 3.14"],
-)
-def test_the_location_is_that_of_the_loop_s_thread_for_each_python(more):
+C_TRACE = '\nCurrent thread\'s C stack trace (most recent call first):\n  Binary file "/usr/bin/python3", at main+0x3\n'
+
+
+@pytest.mark.parametrize("suffix", ["", C_TRACE], ids=["Python 3.11 to 3.13", "Python 3.14"])
+def test_the_location_is_that_of_the_failed_thread(suffix):
     traceback = (
         'Fatal Python error: Aborted\n\nThread 0x00 (most recent call first):\n  File "/a/b/wait.py", line 1 in other\n'
         "\nCurrent thread 0x00007f5a42db4200 [rambler] (most recent call first):\n"
-        f'  File "/opt/firmware_py/core/step.py", line 88 in step\n  File "/opt/loop.py", line 3 in run\n{more}'
+        f'  File "/opt/firmware_py/core/step.py", line 88 in step\n  File "/opt/loop.py", line 3 in run\n{suffix}'
     )
-    assert location_of(traceback) == "in core/step.py:88 step"
+    assert find_location(traceback) == "in core/step.py:88 step"
 
 
-def test_a_fatal_signal_leaves_the_location(tmp_path):
-    program = (
+def test_after_a_fatal_signal_the_location_is_known(tmp_path):
+    script = tmp_path / "folder" / "script.py"
+    script.parent.mkdir()
+    script.write_text(
         "import os, sys, pathlib\n"
         "from firmware_py.system.endings import EndingRecorder\n"
-        "watcher = EndingRecorder(pathlib.Path(sys.argv[1]))\n"
+        "recorder = EndingRecorder(pathlib.Path(sys.argv[1]))\n"
         "def stuck(): os.abort()\n"
         "stuck()\n"
     )
-    (tmp_path / "place").mkdir()
-    script = tmp_path / "place" / "script.py"
-    script.write_text(program)
-    done = subprocess.run([sys.executable, str(script), str(tmp_path)], check=False)
-    assert done.returncode == -6
+    result = subprocess.run([sys.executable, str(script), str(tmp_path)], check=False)
+    assert result.returncode == -6
     (tmp_path / ENDED_FILE).write_text("2 watchdog killed ABRT\n")
-    assert collect_endings(tmp_path, NOW_S) == (Ending("watchdog", "in place/script.py:4 stuck", 2.0),)
+    assert collect_endings(tmp_path, NOW_S) == (Ending("watchdog", "in folder/script.py:4 stuck", 2.0),)
     assert not (tmp_path / TRACEBACK_FILE).exists()
 
 
-def test_an_unwritable_directory_is_ignored(tmp_path):
-    watcher = EndingRecorder(tmp_path / "missing")
-    watcher.record_reason("why")
-    EndingRecorder(None).record_reason("why")
+@pytest.mark.parametrize("has_directory", [True, False])
+def test_a_missing_runtime_directory_is_no_error(tmp_path, has_directory):
+    EndingRecorder(tmp_path / "missing" if has_directory else None).record_reason("reason")
 
 
-def test_they_are_counted_and_the_last_ones_kept():
+def test_endings_are_counted_and_the_last_ones_stored():
     endings = Endings()
     for count in range(MAX_ENDINGS + 5):
         endings = endings.with_added((Ending("killed", "", float(count)),))
@@ -109,7 +103,7 @@ def test_they_are_counted_and_the_last_ones_kept():
 
 
 @given(st.binary(max_size=200))
-def test_whatever_is_stored_is_endings_or_no_record(content):
+def test_any_bytes_are_endings_or_refused(content):
     try:
         assert isinstance(from_bytes(content)[0], Endings)
     except ValueError:
@@ -122,6 +116,6 @@ def test_invalid_records_are_refused(content):
         from_bytes(content)
 
 
-def test_a_time_that_is_not_finite_and_a_long_text_are_bounded():
+def test_texts_times_and_numbers_of_endings_are_limited():
     endings = Endings(last=(Ending("killed", "x" * 1000, math.nan),) * (MAX_ENDINGS + 1))
     assert from_bytes(to_bytes(endings)) == (Endings(last=(Ending("killed", "x" * 160, 0.0),) * MAX_ENDINGS), ())

@@ -1,4 +1,4 @@
-"""The computer's own watchdog: a terminal stands in for it, which takes bytes and no ioctl of a watchdog."""
+"""The computer's watchdog, with a terminal in place of the device: it accepts bytes and no ioctl of a watchdog."""
 
 import os
 import pty
@@ -14,31 +14,29 @@ from firmware_py.system.watchdogs import INTERVAL_S, TIMEOUT_S, HardwareWatchdog
 
 @pytest.fixture
 def device():
-    """A device: its path, and what has been written to it."""
+    """Return the path of a device, and a function that returns the bytes written to it."""
     master, slave = pty.openpty()
     tty.setraw(slave)
-    path = Path(os.ttyname(slave))
 
-    def written():
-        """Return all up to the sign that ends it: the kernel brings it over in pieces."""
+    def read_until_disarmed():
         data = b""
         while not data.endswith(b"V") and select.select([master], [], [], 10.0)[0]:
             data += os.read(master, 4096)
         return data
 
-    yield path, written
+    yield Path(os.ttyname(slave)), read_until_disarmed
     os.close(master)
     os.close(slave)
 
 
 def test_the_watchdog_is_reset_every_two_seconds_and_disarmed_at_the_end(device):
-    path, written = device
+    path, read_until_disarmed = device
     watchdog = HardwareWatchdog(path)
     assert "timeout not set" in watchdog.note
     for tenth in range(41):
         watchdog.notify_alive(tenth / 10.0)
     watchdog.disarm()
-    assert written() == b"\0" * (1 + round(4.0 / INTERVAL_S)) + b"V"
+    assert read_until_disarmed() == b"\0" * (1 + round(4.0 / INTERVAL_S)) + b"V"
 
 
 @pytest.mark.parametrize(("granted_s", "note"), [(TIMEOUT_S, ""), (60, "60 s instead of 15 s")])
@@ -57,8 +55,8 @@ def test_the_timeout_is_set_and_a_deviation_is_noted(device, monkeypatch, grante
     watchdog.disarm()
 
 
-def test_a_file_that_is_not_a_watchdog_is_an_error(tmp_path):
+@pytest.mark.parametrize("name", ["file", "missing", "."])
+def test_a_path_that_is_not_a_watchdog_is_an_error(tmp_path, name):
     (tmp_path / "file").touch()
-    for name in ("file", "missing", "."):
-        with pytest.raises(WatchdogError, match="leave it out"):
-            HardwareWatchdog(tmp_path / name)
+    with pytest.raises(WatchdogError, match="leave it out"):
+        HardwareWatchdog(tmp_path / name)

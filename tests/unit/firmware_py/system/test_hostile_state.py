@@ -1,4 +1,4 @@
-"""Nothing that lies in the state directory keeps the boat from starting: it is set aside, and the rest is used."""
+"""No content of the state directory prevents a start: invalid entries are renamed, the others are read."""
 
 import hashlib
 import json
@@ -25,32 +25,32 @@ from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, Export, pack
 from firmware_py.system.store import Store
 
 MISSION = PLAN_FILES[PlanKind.MISSION]
-LEFT_OVER = (".import.done", f".{PENDING_IMPORT}.new")
+TEMPORARY_FILES = (".import.done", f".{PENDING_IMPORT}.new")
 
 
-def full(path):
+def make_full_directory(path):
     path.mkdir()
     (path / "more").write_text("more")
 
 
-def gigabytes(path):
+def make_large_file(path):
     path.touch()
     os.truncate(path, 3 << 30)
 
 
-def bound(path):
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
+def make_socket(path):
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(path))
 
 
-ODD = {
-    "a pipe": os.mkfifo,
-    "a directory": full,
-    "a link": lambda path: path.symlink_to("/dev/zero"),
-    "a link to itself": lambda path: path.symlink_to(path),
-    "gigabytes": gigabytes,
-    "a socket": bound,
-    "rubbish": lambda path: path.write_bytes(bytes(range(256))),
+ENTRIES = {
+    "pipe": os.mkfifo,
+    "directory": make_full_directory,
+    "link": lambda path: path.symlink_to("/dev/zero"),
+    "link to itself": lambda path: path.symlink_to(path),
+    "large file": make_large_file,
+    "socket": make_socket,
+    "random bytes": lambda path: path.write_bytes(bytes(range(256))),
 }
 
 
@@ -62,56 +62,56 @@ def state(tmp_path):
     return tmp_path / "state"
 
 
-def exported(files, about=None):
-    """Return an export as anybody can make one, whatever is in it."""
+def export_of(files, about=None):
+    """Return the content of an export file with arbitrary members."""
     body = json.dumps({"about": about or {}, "files": files}).encode()
     return f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n".encode() + body
 
 
-def started(state):
-    """Return the stored parameters and the start problem of a store."""
+def run(state):
+    """Start a store and save all names; return the stored parameters and the start problem."""
     store = Store(state)
-    found = store.load(PARAMETER_FILE), store.start_problem
+    result = store.load(PARAMETER_FILE), store.start_problem
     for name in STATE_NAMES:
         store.save(name, b"new")
     store.close()
     assert store.failure == ""
-    return found
+    return result
 
 
-@pytest.mark.parametrize("odd", ODD)
-@pytest.mark.parametrize("name", ["lock", PENDING_IMPORT, *LEFT_OVER])
-def test_an_invalid_entry_in_place_of_a_file_is_set_aside(name, odd, state):
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize("name", ["lock", PENDING_IMPORT, *TEMPORARY_FILES])
+def test_an_invalid_entry_in_place_of_a_file_is_renamed(name, entry, state):
     (state / "lock").unlink()
-    ODD[odd](state / name)
-    content, start_problem = started(state)
+    ENTRIES[entry](state / name)
+    content, start_problem = run(state)
     assert content == b"CTL_K1 3\n"
     assert (f"set aside as {PENDING_IMPORT}.aside" in start_problem) == (name == PENDING_IMPORT)
-    as_it_is = odd == "rubbish" or (odd == "gigabytes" and name == "lock")  # a file, whose content is not looked at
-    assert os.path.lexists(state / f"{name}.aside") != (as_it_is and name != PENDING_IMPORT)
+    # Of these files the content is not read.
+    is_valid = name != PENDING_IMPORT and (entry == "random bytes" or (entry == "large file" and name == "lock"))
+    assert os.path.lexists(state / f"{name}.aside") is not is_valid
     Store(state).close()
 
 
-@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("entry", ENTRIES)
 @pytest.mark.parametrize("name", STATE_NAMES)
-def test_an_invalid_entry_in_place_of_a_slot_is_set_aside(name, odd, state):
+def test_an_invalid_entry_in_place_of_a_slot_is_renamed(name, entry, state):
     for slot in (0, 1):
         (state / f"{name}.{slot}").unlink(missing_ok=True)
-        ODD[odd](state / f"{name}.{slot}")
-    started(state)
-    started(state)  # into the other slot
+        ENTRIES[entry](state / f"{name}.{slot}")
+    for _ in range(2):  # each run writes one slot
+        run(state)
     assert Store(state).examine(name).content == b"new"
-    aside = os.path.lexists(state / f"{name}.0.aside")
-    # The slots of a secret say by themselves that it was lost, and hold nothing to look into.
-    assert aside or (is_secret(name) and odd == "rubbish")
+    # A damaged slot of a secret is overwritten.
+    assert os.path.lexists(state / f"{name}.0.aside") or (is_secret(name) and entry == "random bytes")
 
 
-def test_repeated_setting_aside_does_not_fill_the_directory(state):
+def test_the_number_of_renamed_entries_is_limited(state):
     for number in range(30):
         (state / PENDING_IMPORT).write_bytes(b"%d" % number)
         Store(state).close()
     assert [path.read_bytes() for path in state.glob(f"{PENDING_IMPORT}*")] == [b"29"]
-    for _ in range(12):  # a directory replaces nothing
+    for _ in range(12):  # a directory cannot replace an entry
         (state / PENDING_IMPORT).mkdir(exist_ok=True)
         Store(state).close()
     assert len(list(state.glob(f"{PENDING_IMPORT}*"))) == 11
@@ -131,29 +131,29 @@ def test_repeated_setting_aside_does_not_fill_the_directory(state):
     ],
     ids=range(8),
 )
-def test_a_member_that_no_slot_takes_is_refused_and_one_that_is_staged_is_set_aside(files, state, tmp_path, capsys):
-    (tmp_path / "bad").write_bytes(exported(files))
+def test_an_export_with_an_invalid_member_is_refused_and_renamed_in_the_state_directory(files, state, tmp_path, capsys):
+    (tmp_path / "bad").write_bytes(export_of(files))
     assert main(["state", "import", str(tmp_path / "bad"), "--state", str(state)]) == 2
     assert len(capsys.readouterr().err.splitlines()[-1]) < 500
     assert not (state / PENDING_IMPORT).exists()
-    (state / PENDING_IMPORT).write_bytes(exported(files))
-    content, start_problem = started(state)
+    (state / PENDING_IMPORT).write_bytes(export_of(files))
+    content, start_problem = run(state)
     assert content == b"CTL_K1 3\n"
     assert start_problem.startswith("Import not used: ")
 
 
-def test_what_an_export_says_of_itself_is_bounded(state, tmp_path):
+def test_the_description_in_an_export_is_limited(state, tmp_path):
     about = {f"{number}": "\ud800é" * 100_000 for number in range(3)}
-    (tmp_path / "long").write_bytes(exported({PARAMETER_FILE: "CTL_K1 4\n"}, about))
+    (tmp_path / "long").write_bytes(export_of({PARAMETER_FILE: "CTL_K1 4\n"}, about))
     assert main(["state", "import", str(tmp_path / "long"), "--state", str(state)]) == 0
-    assert started(state) == (b"CTL_K1 4\n", "")
+    assert run(state) == (b"CTL_K1 4\n", "")
 
 
-def test_numbers_beyond_all_bounds_in_the_endings_are_none(state, tmp_path, capsys):
+def test_hostile_endings_are_limited_and_printable(state, tmp_path, capsys):
     hostile = Endings({"killed": (1 << 64) - 1, "\x1b[31m": -5}, (Ending("\x1b]0;x\x07", "a\nb", float("inf")),))
-    kept, _ = from_bytes(to_bytes(hostile))
-    assert to_bytes(kept.with_added((Ending("killed"),)))  # can be stored after one more
-    assert all(word.isprintable() for word in (*kept.counts, kept.last[0].why, kept.last[0].text))
+    endings, _ = from_bytes(to_bytes(hostile))
+    assert to_bytes(endings.with_added((Ending("killed"),)))  # the count still fits
+    assert all(text.isprintable() for text in (*endings.counts, endings.last[0].why, endings.last[0].text))
     (tmp_path / "hostile").write_bytes(pack(Export({ENDINGS_FILE: to_bytes(hostile)})))
     assert main(["state", "import", str(tmp_path / "hostile"), "--state", str(state)]) == 0
     assert main(["status", "--state", str(state), "--json"]) == 1
@@ -161,7 +161,7 @@ def test_numbers_beyond_all_bounds_in_the_endings_are_none(state, tmp_path, caps
 
 
 @pytest.mark.parametrize("ledger", [Ledger(day=1 << 40), Ledger(day=3_000_000), Ledger(total=(1 << 64) - 1)])
-def test_a_ledger_with_an_invalid_date_is_started_again(ledger):
+def test_a_satellite_ledger_with_impossible_numbers_is_refused(ledger):
     with pytest.raises(ValueError, match="beyond all bounds"):
         satellite_from_bytes(satellite_to_bytes(Record(ledger)))
 

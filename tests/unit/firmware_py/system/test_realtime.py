@@ -1,12 +1,11 @@
-"""Large pages: where they may lie, and that they cost no memory and change nothing; what is freed is given back."""
+"""Large pages are used only where possible, without changing data or using much memory; freed memory is released."""
 
 import json
 import subprocess
 import sys
 
-from firmware_py.system.realtime import MAX_UNUSED_BYTES, spans
+from firmware_py.system.realtime import MAX_UNUSED_BYTES, large_page_addresses
 
-SIZE = 0x1000
 MAPS = """\
 10000-13000 rw-p 00000000 00:00 0
 20800-22800 rw-p 00000000 00:00 0                                        [heap]
@@ -17,54 +16,54 @@ MAPS = """\
 70000-72000 rw-p 00000000 00:00 0                                        [stack]
 """
 
-# Half of one area is in use and all of the other; a filled heap beside them.
-PROGRAM = """
-import json, mmap
-from firmware_py.system import realtime
-def resident_bytes():
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * mmap.PAGESIZE
-area = 8 << 20
-full, half = (mmap.mmap(-1, area, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) for _ in range(2))
-for place in range(0, area, mmap.PAGESIZE):
-    full[place] = place // mmap.PAGESIZE % 251
-    if place // mmap.PAGESIZE % 2:
-        half[place] = 7
-before = resident_bytes()
-realtime.use_large_pages()
-grown = resident_bytes() - before
-kept = all(full[place] == place // mmap.PAGESIZE % 251 for place in range(0, area, mmap.PAGESIZE))
-print(json.dumps({"grown": grown, "kept": kept}))
-"""
-
-# Pieces that the C library keeps when they are freed, for the last of them is in use.
-FREED = """
+COMMON = """
 import ctypes, json, mmap
 from firmware_py.system import realtime
 def resident_bytes():
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * mmap.PAGESIZE
-ctypes.CDLL(None).mallopt(-3, 1 << 20)  # none of them a mapping of its own
-pieces = [bytes(60000) for _ in range(300)]
-last = pieces.pop()
-pieces.clear()
-before = resident_bytes()
+"""
+# One area is completely in use, the other half.
+USE_LARGE_PAGES = """
+size = 8 << 20
+full, half = (mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) for _ in range(2))
+for offset in range(0, size, mmap.PAGESIZE):
+    full[offset] = offset // mmap.PAGESIZE % 251
+    if offset // mmap.PAGESIZE % 2:
+        half[offset] = 7
+start_bytes = resident_bytes()
+realtime.use_large_pages()
+added_bytes = resident_bytes() - start_bytes
+is_unchanged = all(full[offset] == offset // mmap.PAGESIZE % 251 for offset in range(0, size, mmap.PAGESIZE))
+print(json.dumps([added_bytes, is_unchanged]))
+"""
+# The C library keeps the freed blocks, because the last block is in use.
+RELEASE_MEMORY = """
+ctypes.CDLL(None).mallopt(-3, 1 << 20)  # no block is a mapping of its own
+blocks = [bytes(60000) for _ in range(300)]
+last = blocks.pop()
+blocks.clear()
+start_bytes = resident_bytes()
 realtime.prepare(real_time=False)
-print(json.dumps(before - resident_bytes()))
+print(json.dumps(start_bytes - resident_bytes()))
 """
 
 
-def test_large_pages_lie_wholly_within_private_memory_without_a_file():
-    assert list(spans(MAPS, SIZE)) == [0x10000, 0x11000, 0x12000, 0x21000]
+def run(program):
+    command = [sys.executable, "-c", COMMON + program]
+    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return json.loads(result.stdout)
 
 
-def test_nothing_is_changed_and_memory_hardly_grows():
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60)
-    result = json.loads(done.stdout)
-    assert result["kept"]
-    assert result["grown"] <= 16 * MAX_UNUSED_BYTES
+def test_large_pages_are_within_private_memory_without_a_file():
+    assert list(large_page_addresses(MAPS, 0x1000)) == [0x10000, 0x11000, 0x12000, 0x21000]
+
+
+def test_large_pages_change_no_data_and_add_little_memory():
+    added_bytes, is_unchanged = run(USE_LARGE_PAGES)
+    assert is_unchanged
+    assert added_bytes <= 16 * MAX_UNUSED_BYTES
 
 
 def test_memory_freed_by_the_start_is_released():
-    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True, timeout=60)
-    assert json.loads(done.stdout) > 200 * 60000
+    assert run(RELEASE_MEMORY) > 200 * 60000

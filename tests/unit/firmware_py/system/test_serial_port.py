@@ -10,83 +10,99 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.system.port_users import port_users
+from firmware_py.system.port_users import find_port_users
 from firmware_py.system.serial_port import MAX_EMPTY_READS, MAX_UNSENT_BYTES, PortError, SerialPort
 
 
 class Cable:
-    """A pty behind a path that can be pulled and put back."""
+    """A pseudo-terminal behind a path that can be unplugged and plugged in."""
 
     def __init__(self, path):
         self.path = path
-        self.master = -1
         self.plug()
 
     def plug(self):
-        self.master, slave = pty.openpty()
-        self.path.symlink_to(os.ttyname(slave))
+        self.master, self.slave = pty.openpty()
+        self.path.symlink_to(os.ttyname(self.slave))
         os.set_blocking(self.master, False)
-        self._slave = slave
 
-    def pull(self):
+    def unplug(self):
         os.close(self.master)
-        os.close(self._slave)
+        os.close(self.slave)
         self.path.unlink()
 
 
 @pytest.fixture
 def cable(tmp_path):
-    made = Cable(tmp_path / "port")
-    yield made
-    if made.path.exists():
-        made.pull()
+    plugged = Cable(tmp_path / "port")
+    yield plugged
+    if plugged.path.exists():
+        plugged.unplug()
 
 
 @pytest.fixture
 def line(cable):
-    made = SerialPort(str(cable.path), 38400)
-    made.open()
-    yield made
-    made.close()
+    port = SerialPort(str(cable.path), 38400)
+    port.open()
+    yield port
+    port.close()
+
+
+@pytest.fixture
+def impatient_line(cable):
+    port = SerialPort(str(cable.path), 38400, silent_s=10.0)
+    port.open()
+    yield port
+    port.close()
 
 
 def read_all(line, count):
-    """Read until count bytes are there; the kernel hands them over in its own time."""
+    """Read until `count` bytes have arrived."""
     data = b""
     while len(data) < count:
         data += line.read()
     return data
 
 
-def test_bytes_go_both_ways_untouched(line, cable):
-    every = bytes(range(256))
-    os.write(cable.master, every)
-    assert read_all(line, 256) == every
+def is_readable(line, timeout_s=0.0):
+    return select.select([line.fileno()], [], [], timeout_s)[0] == [line.fileno()]
+
+
+def read_and_reopen(line, count):
+    for number in range(count):
+        line.read()
+        line.reopen(10.0 + number)
+
+
+def test_all_bytes_pass_unchanged_in_both_directions(line, cable):
+    data = bytes(range(256))
+    os.write(cable.master, data)
+    assert read_all(line, 256) == data
     assert line.read() == b""
-    assert line.write(every)
+    assert line.write(data)
     assert line.written == 256
     os.set_blocking(cable.master, True)
-    assert os.read(cable.master, 256) == every
+    assert os.read(cable.master, 256) == data
 
 
-def test_bytes_that_are_there_wake_until_they_are_read(line, cable):
-    assert select.select([line.fileno()], [], [], 0.0)[0] == []
+def test_the_descriptor_is_readable_until_the_bytes_are_read(line, cable):
+    assert not is_readable(line)
     os.write(cable.master, b"wake")
-    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
-    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
+    assert is_readable(line, 60.0)
+    assert is_readable(line, 60.0)
     assert line.read() == b"wake"
-    assert select.select([line.fileno()], [], [], 0.0)[0] == []
+    assert not is_readable(line)
 
 
-def test_an_unplugged_cable_wakes_and_is_detected_at_once(line, cable):
-    cable.pull()
-    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
+def test_an_unplugged_cable_makes_the_descriptor_readable_and_is_detected(line, cable):
+    cable.unplug()
+    assert is_readable(line, 60.0)
     assert line.read() == b""
     assert not line.connected
 
 
 def test_an_empty_terminal_is_neither_polled_nor_read(line, cable, monkeypatch):
-    """Either would wait inside the kernel, whatever the priority, for what a busy computer does when it likes."""
+    """Both can block in the kernel."""
     assert not os.isatty(line.fileno())
     reads = []
     monkeypatch.setattr(os, "read", lambda *args, read=os.read: reads.append(args) or read(*args))
@@ -98,154 +114,137 @@ def test_an_empty_terminal_is_neither_polled_nor_read(line, cable, monkeypatch):
 
 
 def test_a_port_without_epoll_is_an_error_and_is_closed(cable, monkeypatch):
-    def refused():
+    def fail():
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
-    with monkeypatch.context() as patch:
-        patch.setattr(select, "epoll", refused)
-        made = SerialPort(str(cable.path), 38400)
+    port = SerialPort(str(cable.path), 38400)
+    with monkeypatch.context() as patches:
+        patches.setattr(select, "epoll", fail)
         with pytest.raises(PortError, match="Too many open files"):
-            made.open()
-        assert not made.connected
-    made.open()
-    made.close()
+            port.open()
+        assert not port.connected
+    port.open()
+    port.close()
 
 
 def test_a_port_that_reappears_is_opened_again(line, cable):
-    cable.pull()
+    cable.unplug()
     assert [line.read() for _ in range(MAX_EMPTY_READS)] == [b""] * MAX_EMPTY_READS
-    assert not line.connected
-    assert line.fileno() == -1
-    assert not line.write(b"x")
+    assert (line.connected, line.fileno(), line.write(b"x")) == (False, -1, False)
     line.reopen(10.0)
     assert not line.connected
     cable.plug()
-    line.reopen(10.5)  # within a second of the last try
+    line.reopen(10.5)  # less than a second after the last attempt
     assert not line.connected
     line.reopen(11.1)
-    assert line.connected
-    assert line.openings == 2
+    assert (line.connected, line.openings) == (True, 2)
     os.write(cable.master, b"again")
     assert read_all(line, 5) == b"again"
 
 
 def test_a_port_that_reappears_before_the_next_check_is_opened_again(line, cable):
-    """Of a line that is only read: the old terminal reads nothing for ever, beside a path that is there."""
-    cable.pull()
+    """The closed terminal reads as empty, and the path exists."""
+    cable.unplug()
     line.read()
     cable.plug()
-    for number in range(10 * MAX_EMPTY_READS):
-        line.read()
-        line.reopen(10.0 + number)
+    read_and_reopen(line, 10 * MAX_EMPTY_READS)
     assert line.openings == 2
     os.write(cable.master, b"again")
     assert read_all(line, 5) == b"again"
 
 
-def test_a_path_that_leads_elsewhere_is_followed(line, cable, tmp_path):
-    """As when an adapter's name is given to another one while the first is still there."""
+def test_a_path_that_leads_to_another_device_is_opened_again(line, cable, tmp_path):
     other = Cable(tmp_path / "other")
     other.path.replace(cable.path)
-    for number in range(2 * MAX_EMPTY_READS):
-        line.read()
-        line.reopen(10.0 + number)
+    read_and_reopen(line, 2 * MAX_EMPTY_READS)
     assert line.openings == 2
     os.write(other.master, b"here")
     assert read_all(line, 4) == b"here"
 
 
-def test_a_line_that_is_silent_is_not_opened_again(line, cable):
-    for number in range(10 * MAX_EMPTY_READS):
-        line.read()
-        line.reopen(10.0 + number)
+def test_a_silent_line_without_a_limit_is_not_opened_again(line):
+    read_and_reopen(line, 10 * MAX_EMPTY_READS)
     assert line.openings == 1
 
 
-def set_as_a_terminal(cable, then=lambda descriptor: None):
-    """What getty, stty and others do, on a descriptor of their own; return what the settings were."""
+def change_settings(cable):
+    """Change the settings as getty and stty do; return the former settings."""
     descriptor = os.open(cable.path, os.O_RDWR | os.O_NOCTTY)
-    try:
-        before = termios.tcgetattr(descriptor)
-        cooked = [before[0] | termios.ICRNL | termios.IXON, before[1] | termios.OPOST, before[2],
-                  before[3] | termios.ICANON | termios.ECHO, termios.B9600, termios.B9600, before[6]]  # fmt: skip
-        termios.tcsetattr(descriptor, termios.TCSANOW, cooked)
-        assert termios.tcgetattr(descriptor) != before
-        then(descriptor)
-    finally:
-        os.close(descriptor)
-    return before
+    settings = termios.tcgetattr(descriptor)
+    cooked = [settings[0] | termios.ICRNL | termios.IXON, settings[1] | termios.OPOST, settings[2],
+              settings[3] | termios.ICANON | termios.ECHO, termios.B9600, termios.B9600, settings[6]]  # fmt: skip
+    termios.tcsetattr(descriptor, termios.TCSANOW, cooked)
+    assert termios.tcgetattr(descriptor) != settings
+    os.close(descriptor)
+    return settings
 
 
-def test_settings_that_another_program_has_changed_are_restored_and_reported_once(line, cable):
+def test_settings_changed_by_another_program_are_restored_and_reported_every_ten_minutes(line, cable):
     assert line.reopen(10.0) == ""
-    before = set_as_a_terminal(cable)
+    settings = change_settings(cable)
     os.write(cable.master, b"no line end")
-    assert line.reopen(10.5) == ""  # within a second of the last look
+    assert line.reopen(10.5) == ""  # less than a second after the last check
     assert line.reopen(11.0) == f"Port {cable.path}: changed by another program, restored"
-    assert termios.tcgetattr(cable._slave) == before
+    assert termios.tcgetattr(cable.slave) == settings
     assert read_all(line, 11) == b"no line end"
     assert line.openings == 1
-    set_as_a_terminal(cable)
-    assert line.reopen(12.0) == ""  # reported a second ago
-    assert termios.tcgetattr(cable._slave) == before
-    set_as_a_terminal(cable)
+    change_settings(cable)
+    assert line.reopen(12.0) == ""
+    assert termios.tcgetattr(cable.slave) == settings
+    change_settings(cable)
     assert line.reopen(612.0)
 
 
 def test_a_port_whose_settings_cannot_be_restored_is_opened_again(line, cable, monkeypatch):
     line.reopen(10.0)
-    before = set_as_a_terminal(cable)
-    tries = []
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            termios,
-            "tcsetattr",
-            lambda *words, real=termios.tcsetattr: tries.append(words) or (tries[1:] and real(*words)),
-        )
+    settings, tcsetattr, calls = change_settings(cable), termios.tcsetattr, []
+
+    def fail_once(*arguments):
+        calls.append(arguments)
+        if len(calls) > 1:
+            tcsetattr(*arguments)
+
+    with monkeypatch.context() as patches:
+        patches.setattr(termios, "tcsetattr", fail_once)
         assert line.reopen(11.0)
-    assert termios.tcgetattr(cable._slave) == before
+    assert termios.tcgetattr(cable.slave) == settings
     assert (line.connected, line.openings) == (True, 1)
 
 
-def test_a_silent_port_is_opened_again_after_increasing_times(cable):
-    line = SerialPort(str(cable.path), 38400, silent_s=10.0)
-    line.open()
+def test_a_silent_port_is_opened_again_after_increasing_times(impatient_line, cable):
+    line, opened_at_s = impatient_line, []
+
+    def reopen_until(begin_s, end_s):
+        for now_s in range(begin_s, end_s):
+            port = line._port
+            line.reopen(float(now_s))
+            opened_at_s.extend([now_s] if line._port is not port else [])
+
     line.write(b"ask")
-    opened_at_s, descriptor = [], line._port
-    for now_s in range(100):
-        line.reopen(float(now_s))
-        if line._port is not descriptor:
-            descriptor = line._port
-            opened_at_s.append(now_s)
+    reopen_until(0, 100)
     assert opened_at_s == [10, 30, 70]
     assert (line.openings, line.written) == (1, 3)
     os.write(cable.master, b"here")
     assert read_all(line, 4) == b"here"
-    for now_s in range(100, 112):
-        line.reopen(float(now_s))
-        opened_at_s += [now_s] if line._port is not descriptor else []
-        descriptor = line._port
+    reopen_until(100, 112)
     assert opened_at_s == [10, 30, 70, 110]
-    line.close()
 
 
-def test_a_silent_port_that_disappears_is_a_new_line_afterwards(cable):
-    line = SerialPort(str(cable.path), 38400, silent_s=10.0)
-    line.open()
+def test_a_silent_port_that_disappears_is_a_new_line_afterwards(impatient_line, cable):
+    line = impatient_line
     line.reopen(0.0)
     cable.path.unlink()
     line.reopen(10.0)
     assert not line.connected
-    cable.path.symlink_to(os.ttyname(cable._slave))
+    cable.path.symlink_to(os.ttyname(cable.slave))
     line.reopen(11.0)
     assert (line.connected, line.openings) == (True, 2)
-    line.close()
 
 
-OPENER = """
+OPEN_PORT = """
 import os, sys
 if os.geteuid() == 0 and sys.argv[2] == "user":
-    os.setuid(65534)  # TIOCEXCL does not keep root out
+    os.setuid(65534)  # TIOCEXCL does not exclude root
 try:
     descriptor = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
     print("opened", flush=True)
@@ -255,50 +254,40 @@ except OSError as error:
 """
 
 
-def another_program(cable, who):
-    terminal = os.ttyname(cable._slave)
+def start_other_program(cable, user):
+    terminal = os.ttyname(cable.slave)
     Path(terminal).chmod(0o666)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    return subprocess.Popen([sys.executable, "-c", OPENER, terminal, who], **pipes)
+    return subprocess.Popen([sys.executable, "-c", OPEN_PORT, terminal, user], **pipes)
 
 
-def test_other_programs_cannot_open_the_port(line, cable):
-    with another_program(cable, "user") as other:
+def test_programs_of_other_users_cannot_open_the_port(line, cable):
+    line.reopen(0.0)
+    fcntl.ioctl(cable.slave, termios.TIOCNXCL)
+    line.reopen(10.0)  # restores the exclusive access
+    with start_other_program(cable, "user") as other:
         assert other.stdout.readline() == f"{errno.EBUSY}\n"
     line.close()
-    with another_program(cable, "user") as other:
+    with start_other_program(cable, "user") as other:
         assert other.stdout.readline() == "opened\n"
-
-
-def test_exclusive_access_is_restored(line, cable):
-    line.reopen(0.0)
-    fcntl.ioctl(cable._slave, termios.TIOCNXCL)
-    line.reopen(10.0)
-    with another_program(cable, "user") as other:
-        assert other.stdout.readline() == f"{errno.EBUSY}\n"
 
 
 def test_other_users_of_a_port_are_listed(line, cable):
-    assert port_users([str(cable.path)]) == {}
+    assert find_port_users([str(cable.path)]) == {}
     line.close()
-    with another_program(cable, "root") as other:
+    with start_other_program(cable, "root") as other:
         assert other.stdout.readline() == "opened\n"
         line.open()
-        users = f"{port_name(other.pid)} (process {other.pid})"
-        assert port_users(["/dev/none", str(cable.path)]) == {str(cable.path): users}
+        users = f"{Path(f'/proc/{other.pid}/comm').read_text().strip()} (process {other.pid})"
+        assert find_port_users(["/dev/none", str(cable.path)]) == {str(cable.path): users}
         line.reopen(10.0)
-        set_as_a_terminal(cable)
+        change_settings(cable)
         assert line.reopen(11.0).endswith(f"changed by another program, restored; open in {users}")
-    assert port_users([str(cable.path)]) == {}
+    assert find_port_users([str(cable.path)]) == {}
 
 
-def port_name(process):
-    return Path(f"/proc/{process}/comm").read_text().strip()
-
-
-def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, cable):
-    sent = b""
-    number = 0
+def test_a_full_line_refuses_whole_messages_and_keeps_their_order(line, cable):
+    sent, number = b"", 0
     while line.write(message := b"%06d." % number):
         sent += message
         number += 1
@@ -306,17 +295,14 @@ def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, 
     assert 0 < len(line._unsent) <= MAX_UNSENT_BYTES
     os.set_blocking(cable.master, True)
     received = os.read(cable.master, 4096)
-    while line.write(b""):
-        if not line._unsent:
-            break
+    while line.write(b"") and line._unsent:
         received += os.read(cable.master, 4096)
     while len(received) < len(sent):
         received += os.read(cable.master, 4096)
     assert received == sent
 
 
-def test_a_blocked_line_recovers(line, cable):
-    """What waits is pushed by the next write, also by one that is too large to be added to it."""
+def test_a_full_line_recovers_also_for_a_large_message(line, cable):
     while line.write(b"x" * 1200):
         pass
     assert len(line._unsent) + 1200 > MAX_UNSENT_BYTES
@@ -330,9 +316,9 @@ def test_a_blocked_line_recovers(line, cable):
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("none", "no such port"), ("port", "in use by another program"), ("file", "serial port")]
+    ("name", "reason"), [("none", "no such port"), ("port", "in use by another program"), ("file", "serial port")]
 )
-def test_a_port_that_cannot_be_opened_is_an_error_with_a_remedy(line, tmp_path, name, text):
+def test_a_port_that_cannot_be_opened_is_an_error_with_the_reason(line, tmp_path, name, reason):
     (tmp_path / "file").write_text("")
-    with pytest.raises(PortError, match=text):
+    with pytest.raises(PortError, match=reason):
         SerialPort(str(tmp_path / name), 9600).open()

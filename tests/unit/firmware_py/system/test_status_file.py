@@ -1,4 +1,4 @@
-"""The status file: where it goes, who may read it, what it is worth."""
+"""The status file: its directory, its permissions, and its validity for readers."""
 
 import json
 import os
@@ -7,16 +7,26 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.install.environment import Environment, work_directory
-from firmware_py.system.status_file import STALE_S, Freshness, StatusFile, file_name, find, find_all, is_memory
+from firmware_py.install.environment import Environment, create_work_directory
+from firmware_py.system.status_file import (
+    MAX_AGE_S,
+    Freshness,
+    StatusFile,
+    file_name,
+    find_all_statuses,
+    find_status,
+    is_in_memory,
+)
 
 NOW_S = 1000.0
+OTHER_UID = 4242
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of a file")
 
 
 @pytest.fixture
 def memory(tmp_path, monkeypatch):
-    """A directory that counts as memory."""
-    monkeypatch.setattr("firmware_py.system.status_file.is_memory", lambda directory: directory.name == "memory")
+    """Return a directory that counts as in memory."""
+    monkeypatch.setattr("firmware_py.system.status_file.is_in_memory", lambda directory: directory.name == "memory")
     (tmp_path / "memory").mkdir()
     return tmp_path / "memory"
 
@@ -27,51 +37,55 @@ def state(tmp_path):
     return tmp_path / "state"
 
 
-def content(state, **more):
-    content = {"written_machine_s": NOW_S, "pid": os.getpid(), "state_directory": str(state), "mode": "HOLD", **more}
-    return json.dumps(content).encode()
+def content(state, **changes):
+    values = {"written_machine_s": NOW_S, "pid": os.getpid(), "state_directory": str(state), "mode": "HOLD", **changes}
+    return json.dumps(values).encode()
 
 
-def test_memory_is_distinguished_from_a_disk():
-    assert is_memory(Path("/dev/shm"))
-    assert not is_memory(Path("/proc"))
+def give_away(*paths):
+    for path in paths:
+        os.chown(path, OTHER_UID, OTHER_UID)
 
 
-def test_what_was_written_last_is_found_whole_by_any_path_that_leads_there(memory, state, tmp_path):
+def test_memory_is_distinguished_from_other_file_systems():
+    assert is_in_memory(Path("/dev/shm"))
+    assert not is_in_memory(Path("/proc"))
+
+
+def test_the_last_status_is_found_by_any_path_of_the_state_directory(memory, state, tmp_path):
     (tmp_path / "link").symlink_to(state)
     file = StatusFile(state, (memory,))
     for mode in ("HOLD", "AUTO"):
         file.write(content(state, mode=mode))
-    found = find(tmp_path / "link", NOW_S + 1.0, (memory,))
-    assert (found.freshness, found.content["mode"], found.age_s) == (Freshness.RUNNING, "AUTO", 1.0)
+    status = find_status(tmp_path / "link", NOW_S + 1.0, (memory,))
+    assert (status.freshness, status.content["mode"], status.age_s) == (Freshness.RUNNING, "AUTO", 1.0)
     assert [path.name for path in memory.iterdir()] == [file_name(state)]
     assert stat.S_IMODE((memory / file_name(state)).stat().st_mode) & ~0o640 == 0
-    assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
+    assert list(find_all_statuses(NOW_S, (memory,))) == [file_name(state)]
 
 
-def test_what_an_update_tries_is_no_boat(memory, state, tmp_path):
-    """`rambler status` would say that there are several, and name the copy, in the midst of each update."""
-    tried = work_directory(Environment(tmp_path / "rambler")) / "state"
-    tried.mkdir()
-    for directory in (state, tried):
+def test_the_test_run_of_an_update_is_not_listed(memory, state, tmp_path):
+    trial = create_work_directory(Environment(tmp_path / "rambler")) / "state"
+    trial.mkdir()
+    for directory in (state, trial):
         StatusFile(directory, (memory,)).write(content(directory))
-    assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
-    assert find(tried, NOW_S, (memory,)).freshness is Freshness.RUNNING
+    assert list(find_all_statuses(NOW_S, (memory,))) == [file_name(state)]
+    assert find_status(trial, NOW_S, (memory,)).freshness is Freshness.RUNNING
 
 
-def test_what_finds_room_for_a_part_only_is_not_put_in_place(memory, state, monkeypatch):
+def test_a_partially_written_status_does_not_replace_the_last_one(memory, state, monkeypatch):
     file = StatusFile(state, (memory,))
     file.write(content(state))
-    rooms, write = [10], os.write
-    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[: rooms.pop() if rooms else 0]))
+    sizes, write = [10], os.write
+    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[: sizes.pop() if sizes else 0]))
     with pytest.raises(OSError, match="No space left"):
         file.write(content(state, mode="AUTO"))
-    assert find(state, NOW_S, (memory,)).content["mode"] == "HOLD"
-    assert "is full" in find(state, NOW_S + 60.0, (memory,)).reason
+    assert find_status(state, NOW_S, (memory,)).content["mode"] == "HOLD"
+    assert "is full" in find_status(state, NOW_S + 60.0, (memory,)).reason
     assert [path.name for path in memory.iterdir()] == [file_name(state)]
 
 
-def test_nothing_is_written_where_it_would_wear_a_disk(memory, state, tmp_path):
+def test_a_directory_on_a_disk_is_not_used(memory, state, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     with pytest.raises(OSError, match="in memory"):
@@ -81,43 +95,41 @@ def test_nothing_is_written_where_it_would_wear_a_disk(memory, state, tmp_path):
     assert len(list(memory.iterdir())) == 1
 
 
-def test_a_directory_that_was_away_is_taken_again(memory, state):
+def test_a_removed_file_is_written_again_and_absent_after_the_end(memory, state):
     file = StatusFile(state, (memory,))
     file.write(content(state))
     (memory / file_name(state)).unlink()
     file.write(content(state))
-    assert find(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
+    assert find_status(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
     file.remove()
     file.remove()
-    assert find(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
+    assert find_status(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
 
 
 def test_a_symbolic_link_is_not_followed(memory, state, tmp_path):
     victim = tmp_path / "victim"
-    victim.write_text("mine")
-    name = file_name(state)
-    (memory / name).symlink_to(victim)
-    (memory / name).with_suffix(".new").symlink_to(victim)
-    assert find(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
+    victim.write_text("unchanged")
+    path = memory / file_name(state)
+    for link in (path, path.with_suffix(".new")):
+        link.symlink_to(victim)
+    assert find_status(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
     StatusFile(state, (memory,)).write(content(state))
-    assert victim.read_text() == "mine"
-    assert find(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
+    assert victim.read_text() == "unchanged"
+    assert find_status(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
 
 
-@pytest.mark.parametrize("age_s", [STALE_S + 0.1, -STALE_S - 0.1, 1e9])
-def test_an_old_status_is_stale_and_still_shown(memory, state, age_s):
-    StatusFile(state, (memory,)).write(content(state))
-    found = find(state, NOW_S + age_s, (memory,))
-    assert (found.freshness, found.content["mode"]) == (Freshness.STALE, "HOLD")
-    assert "hangs or is stopped" in found.reason
-
-
-@pytest.mark.parametrize("pid", [2**22 + 5, 2**40])
-def test_a_recent_status_of_an_ended_process_is_stale(memory, state, pid):
-    StatusFile(state, (memory,)).write(content(state, pid=pid))
-    found = find(state, NOW_S, (memory,))
-    assert found.freshness is Freshness.STALE
-    assert "has ended" in found.reason
+@pytest.mark.parametrize(
+    ("age_s", "changes", "reason"),
+    [
+        *((age_s, {}, "hangs or is stopped") for age_s in (MAX_AGE_S + 0.1, -MAX_AGE_S - 0.1, 1e9)),
+        *((0.0, {"pid": pid}, "has ended") for pid in (2**22 + 5, 2**40)),
+    ],
+)
+def test_a_status_that_is_old_or_of_an_ended_process_is_stale(memory, state, age_s, changes, reason):
+    StatusFile(state, (memory,)).write(content(state, **changes))
+    status = find_status(state, NOW_S + age_s, (memory,))
+    assert (status.freshness, status.content["mode"]) == (Freshness.STALE, "HOLD")
+    assert reason in status.reason
 
 
 @pytest.mark.parametrize(
@@ -131,53 +143,52 @@ def test_a_recent_status_of_an_ended_process_is_stale(memory, state, pid):
 )  # fmt: skip
 def test_a_file_that_is_not_a_status_is_reported(memory, state, data):
     (memory / file_name(state)).write_bytes(data)
-    found = find(state, NOW_S, (memory,))
-    assert found.freshness is Freshness.ABSENT
-    assert file_name(state) in found.reason
+    status = find_status(state, NOW_S, (memory,))
+    assert status.freshness is Freshness.ABSENT
+    assert file_name(state) in status.reason
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+@needs_root
 def test_the_owner_of_a_status_is_reported(memory, state):
     StatusFile(state, (memory,)).write(content(state))
-    os.chown(state, 4242, 4242)
-    os.chown(memory / file_name(state), 4242, 4242)
-    assert find(state, NOW_S, (memory,)).content["user"] == "4242"
+    give_away(state, memory / file_name(state))
+    assert find_status(state, NOW_S, (memory,)).content["user"] == str(OTHER_UID)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_a_newer_word_of_another_user_is_not_believed(memory, state, tmp_path):
-    anybody = tmp_path / "anybody"
-    anybody.mkdir(mode=0o1777)
-    anybody.chmod(0o1777)
+@needs_root
+def test_a_status_of_an_untrusted_user_is_refused(memory, state, tmp_path):
+    public = tmp_path / "public"
+    public.mkdir()
+    public.chmod(0o1777)
+    forged = public / file_name(state)
     (memory / file_name(state)).write_bytes(content(state, armed=True))
-    (anybody / file_name(state)).write_bytes(content(state, armed=False, written_machine_s=NOW_S + 2.0))
-    os.chown(anybody / file_name(state), 4242, 4242)
-    places = (memory, anybody)
-    assert find(state, NOW_S + 3.0, places).content["armed"]
-    assert find_all(NOW_S + 3.0, places)[file_name(state)].content["armed"]
-    found = find(state, NOW_S + 3.0, (anybody,))
-    assert (found.freshness, found.content, found.is_refused) == (Freshness.ABSENT, {}, True)
-    assert "belongs to user 4242, who is not trusted here" in found.reason
-    # Nor one that names a state directory of the forger's, by the name of this one.
-    forged = tmp_path / "forged"
-    forged.mkdir()
-    os.chown(forged, 4242, 4242)
-    (anybody / file_name(state)).write_bytes(content(forged, armed=False))
-    os.chown(anybody / file_name(state), 4242, 4242)
-    assert find_all(NOW_S, (anybody,)) == {}
+    forged.write_bytes(content(state, armed=False, written_machine_s=NOW_S + 2.0))
+    give_away(forged)
+    directories = (memory, public)
+    assert find_status(state, NOW_S + 3.0, directories).content["armed"]
+    assert find_all_statuses(NOW_S + 3.0, directories)[file_name(state)].content["armed"]
+    status = find_status(state, NOW_S + 3.0, (public,))
+    assert (status.freshness, status.content, status.is_refused) == (Freshness.ABSENT, {}, True)
+    assert f"belongs to user {OTHER_UID}, who is not trusted here" in status.reason
+    # The file names a state directory of the untrusted user, but has the name for this one.
+    forged_state = tmp_path / "forged"
+    forged_state.mkdir()
+    forged.write_bytes(content(forged_state, armed=False))
+    give_away(forged_state, forged)
+    assert find_all_statuses(NOW_S, (public,)) == {}
 
 
 @pytest.mark.parametrize("mode", [0o660, 0o602])
-def test_a_file_that_others_may_write_is_not_believed(memory, state, mode):
+def test_a_file_that_others_may_write_is_refused(memory, state, mode):
     (memory / file_name(state)).write_bytes(content(state))
     (memory / file_name(state)).chmod(mode)
-    found = find(state, NOW_S, (memory,))
-    assert found.is_refused
-    assert "is writable by other users" in found.reason
+    status = find_status(state, NOW_S, (memory,))
+    assert status.is_refused
+    assert "is writable by other users" in status.reason
 
 
-def test_of_two_places_the_newest_word_counts(memory, state, tmp_path):
+def test_of_two_directories_the_newest_status_is_returned(memory, state, tmp_path):
     (tmp_path / "other").mkdir()
     StatusFile(state, (memory,)).write(content(state, mode="HOLD"))
     (tmp_path / "other" / file_name(state)).write_bytes(content(state, mode="AUTO", written_machine_s=NOW_S + 2.0))
-    assert find(state, NOW_S + 3.0, (memory, tmp_path / "other")).content["mode"] == "AUTO"
+    assert find_status(state, NOW_S + 3.0, (memory, tmp_path / "other")).content["mode"] == "AUTO"

@@ -12,127 +12,117 @@ from firmware_py.system.store import Store, StoreError
 
 
 @pytest.fixture
-def store(tmp_path):
-    made = Store(tmp_path / "state")
-    yield made
-    made.close()
+def directory(tmp_path):
+    return tmp_path / "state"
 
 
-def settle(store, *names):
-    """Wait for the writer to say that the saves are done; return what it said."""
-    results = []
-    store.when_stored(names or ("a",), results.append)
-    while not results:
+@pytest.fixture
+def store(directory):
+    opened = Store(directory)
+    yield opened
+    opened.close()
+
+
+def wait_for(store, condition):
+    """Run the callbacks of the store until a condition is met."""
+    while not condition():
         assert select.select([store.fileno()], [], [], 10.0)[0]
         store.service()
-    return results
 
 
-def reopened(store, directory):
-    store.close()
-    return Store(directory)
+def is_stored(store, *names):
+    """Wait for the pending saves of these names; return their result."""
+    results = []
+    store.when_stored(names or ("a",), results.append)
+    wait_for(store, lambda: results)
+    return results == [True]
 
 
-def test_saved_content_is_there_after_a_restart(store, tmp_path):
+def save(store, name, *contents):
+    """Save versions one after another and return whether all are on disk."""
+    results = []
+    for content in contents:
+        store.save(name, content)
+        results.append(is_stored(store, name))
+    return all(results)
+
+
+def open_descriptors():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_saved_content_is_on_disk(store, directory):
     assert store.load("a") is None
     store.save("a", b"one")
     store.save("b", b"\x00binary\xff")
-    assert settle(store, "a", "b") == [True]
-    # Read past the object: it is on the disk, not in its memory.
-    assert b"\none" in (tmp_path / "state" / "a.0").read_bytes()
+    assert is_stored(store, "a", "b")
+    assert b"\none" in (directory / "a.0").read_bytes()
     assert (store.load("a"), store.load("b")) == (b"one", b"\x00binary\xff")
 
 
-def newest_slot(store, directory, name, content):
-    (slot,) = [path for path in sorted(directory.glob(f"{name}.*")) if content in path.read_bytes()]
+def slot_with(directory, content):
+    (slot,) = [path for path in sorted(directory.glob("a.*")) if content in path.read_bytes()]
     return slot
 
 
-def test_a_broken_newest_version_falls_back_to_the_one_before(store, tmp_path):
-    for content in (b"first", b"second"):
-        store.save("a", content)
-        settle(store)
-    file = newest_slot(store, tmp_path / "state", "a", b"second")
-    whole = file.read_bytes()
-    for cut in range(whole.index(b"second") + len(b"second")):
-        file.write_bytes(whole[:cut])
+def test_a_damaged_newest_version_falls_back_to_the_previous_one(store, directory):
+    assert save(store, "a", b"first", b"second")
+    slot = slot_with(directory, b"second")
+    content = slot.read_bytes()
+    used = content.index(b"second") + len(b"second")
+    for cut in range(used):
+        for damaged in (content[:cut], content[:cut] + bytes(len(content) - cut)):
+            slot.write_bytes(damaged)
+            assert store.load("a") == b"first"
+    for bit in range(8 * used):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        slot.write_bytes(damaged)
         assert store.load("a") == b"first"
-        file.write_bytes(whole[:cut] + bytes(len(whole) - cut))
-        assert store.load("a") == b"first"
-    for bit in range(8 * (whole.index(b"second") + len(b"second"))):
-        changed = bytearray(whole)
-        changed[bit // 8] ^= 1 << bit % 8
-        file.write_bytes(changed)
-        assert store.load("a") == b"first"
-    file.unlink()
+    slot.unlink()
     assert store.load("a") == b"first"
 
 
-def test_the_newest_version_is_not_overwritten(store, tmp_path):
+def test_the_newest_version_is_not_overwritten(store, directory):
+    newest, content = None, b""
     for number in range(20):
-        before = store.load("a")
-        untouched = None if before is None else newest_slot(store, tmp_path / "state", "a", b"<" + before[1:-1] + b">")
-        stamp = None if untouched is None else untouched.read_bytes()
-        store.save("a", b"<%d>" % number)
-        settle(store)
+        assert save(store, "a", b"<%d>" % number)
         assert store.load("a") == b"<%d>" % number
-        if untouched is not None:
-            assert untouched.read_bytes() == stamp
-    assert len(list((tmp_path / "state").glob("a.*"))) == 2
+        assert newest is None or newest.read_bytes() == content
+        newest = slot_with(directory, b"<%d>" % number)
+        content = newest.read_bytes()
+    assert len(list(directory.glob("a.*"))) == 2
 
 
-def test_versions_of_any_length_follow_each_other(store):
-    for length in (0, 1, 5000, 3, 200_000, 10):
-        store.save("a", b"x" * length)
-        settle(store)
-        assert store.load("a") == b"x" * length
+@pytest.mark.parametrize(
+    "contents",
+    [[b"x" * size for size in (0, 1, 5000, 3, 200_000, 10)], [b"# rambler state 9 3 00000000\nx\0\0"]],
+    ids=["lengths", "like_a_head"],
+)
+def test_any_content_is_read_back(store, contents):
+    for content in contents:
+        assert save(store, "a", content)
+        assert store.load("a") == content
 
 
-def test_content_that_looks_like_a_head_is_safe(store):
-    tricky = b"# rambler state 9 3 00000000\nx\0\0"
-    store.save("a", tricky)
-    settle(store)
-    assert store.load("a") == tricky
+def test_a_failure_is_reported_and_the_next_save_succeeds(store, monkeypatch):
+    def fail(*_arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-
-def no_room(*_words):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def test_a_failure_is_reported_and_recovers(store, monkeypatch):
     with monkeypatch.context() as patches:
-        patches.setattr(os, "pwrite", no_room)
-        store.save("a", b"one")
-        assert settle(store) == [False]
+        patches.setattr(os, "pwrite", fail)
+        assert not save(store, "a", b"one")
     assert "a cannot be stored" in store.failure
-    store.save("a", b"two")
-    assert settle(store) == [True]
+    assert save(store, "a", b"two")
     assert store.load("a") == b"two"
 
 
-def test_a_second_autopilot_is_refused(store, tmp_path):
+def test_a_second_autopilot_and_an_impossible_directory_are_refused(store, directory, tmp_path):
     with pytest.raises(StoreError, match="in use"):
-        Store(tmp_path / "state")
-
-
-def test_a_directory_that_cannot_be_is_refused(tmp_path):
+        Store(directory)
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match="--state"):
         Store(tmp_path / "file" / "state")
-
-
-def until_arrived(store, welcomed):
-    while not welcomed:
-        assert select.select([store.fileno()], [], [], 10.0)[0]
-        store.service()
-
-
-def stored_before(directory):
-    before = Store(directory)
-    for content in (b"old", b"older"):
-        before.save("a", content)
-        settle(before)
-    before.close()
 
 
 @pytest.fixture
@@ -140,295 +130,262 @@ def no_pause(monkeypatch):
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
 
 
-def test_who_waits_for_the_directory_is_refused_until_it_is_there_and_nothing_in_it_is_lost(tmp_path, no_pause):
-    stored_before(tmp_path / "kept")
-    (tmp_path / "state").touch()  # in the way
-    store = Store(tmp_path / "state", wait=True)
-    welcomed = []
-    store.on_mount(("a", "b"), welcomed.append)
-    assert "Not a directory" in store.start_problem
-    assert "Not a directory" in store.failure
-    assert store.load("a") is None
-    store.save("b", b"new")
-    assert settle(store, "b") == [False]
-    refused = []
-    store.try_save("a", b"refused", refused.append)
-    while not refused:
-        assert select.select([store.fileno()], [], [], 10.0)[0]
-        store.service()
-    assert refused == [False]
-    (tmp_path / "state").unlink()
-    (tmp_path / "kept").rename(tmp_path / "state")
-    until_arrived(store, welcomed)
-    assert [{name: stored.content for name, stored in found.items()} for found in welcomed] == [
-        {"a": b"older", "b": None}
-    ]
-    assert settle(store, "b") == [True]
-    store.save("a", b"newest")
-    assert settle(store) == [True]
-    assert store.failure == ""
-    with pytest.raises(StoreError, match="in use"):
-        Store(tmp_path / "state")
+@pytest.fixture
+def stored(tmp_path):
+    """Return a directory with two versions of `a`."""
+    store = Store(tmp_path / "stored")
+    assert save(store, "a", b"old", b"older")
     store.close()
-    assert stored_before_and_now(tmp_path / "state") == {b"older", b"newest"}
+    return tmp_path / "stored"
 
 
-def stored_before_and_now(directory):
-    """Return the content of both slots: the newest is not overwritten."""
+def slot_contents(directory):
     return {(directory / f"a.{slot}").read_bytes().split(b"\n")[1].rstrip(b"\0") for slot in (0, 1)}
 
 
-def test_a_directory_put_in_place_of_the_one_that_was_held_is_taken_up_too(tmp_path, no_pause):
-    """As one on a medium that is mounted late over an empty one."""
-    stored_before(tmp_path / "mounted")
-    store = Store(tmp_path / "state", wait=True)
-    welcomed = []
-    store.on_mount(("a",), welcomed.append)
-    store.save("b", b"1")
-    assert settle(store, "b") == [True]
-    (tmp_path / "state").rename(tmp_path / "hidden")
-    (tmp_path / "mounted").rename(tmp_path / "state")
-    store.save("b", b"2")
-    assert settle(store, "b") == [False]
-    until_arrived(store, welcomed)
-    assert welcomed[0]["a"].content == b"older"
-    assert settle(store, "b") == [True]
-    store.save("a", b"newest")
-    assert settle(store) == [True]
+def test_with_wait_saves_fail_until_the_directory_appears_and_its_newest_version_is_kept(directory, stored, no_pause):
+    directory.touch()  # a file in its place
+    store = Store(directory, wait=True)
+    mounted, refused = [], []
+    store.on_mount(("a", "b"), mounted.append)
+    assert "Not a directory" in store.start_problem
+    assert "Not a directory" in store.failure
+    assert store.load("a") is None
+    assert not save(store, "b", b"new")
+    store.try_save("a", b"refused", refused.append)
+    wait_for(store, lambda: refused)
+    assert refused == [False]
+    directory.unlink()
+    stored.rename(directory)
+    wait_for(store, lambda: mounted)
+    (contents,) = mounted
+    assert {name: version.content for name, version in contents.items()} == {"a": b"older", "b": None}
+    assert is_stored(store, "b")
+    assert save(store, "a", b"newest")
+    assert store.failure == ""
+    with pytest.raises(StoreError, match="in use"):
+        Store(directory)
     store.close()
-    assert stored_before_and_now(tmp_path / "state") == {b"older", b"newest"}
+    assert slot_contents(directory) == {b"older", b"newest"}
+
+
+def test_a_directory_mounted_over_the_locked_one_is_used(directory, stored, tmp_path, no_pause):
+    store = Store(directory, wait=True)
+    mounted = []
+    store.on_mount(("a",), mounted.append)
+    assert save(store, "b", b"1")
+    directory.rename(tmp_path / "hidden")
+    stored.rename(directory)
+    assert not save(store, "b", b"2")
+    wait_for(store, lambda: mounted)
+    assert mounted[0]["a"].content == b"older"
+    assert is_stored(store, "b")
+    assert save(store, "a", b"newest")
+    store.close()
+    assert slot_contents(directory) == {b"older", b"newest"}
     assert not (tmp_path / "hidden" / "a.0").exists()
 
 
-def test_a_removed_directory_is_not_created_again(tmp_path, no_pause):
-    """It was on a medium: below the place where that was mounted there is another disk."""
-    store = Store(tmp_path / "state")
-    (tmp_path / "state").rename(tmp_path / "away")
-    store.save("a", b"1")
-    store.on_mount(("a",), lambda _: pytest.fail("it is known"))
-    assert settle(store) == [False]
-    assert not (tmp_path / "state").exists()
-    (tmp_path / "away").rename(tmp_path / "state")
-    while store.failure:
-        assert select.select([store.fileno()], [], [], 10.0)[0]
-        store.service()
+def test_a_removed_directory_is_not_created_again(directory, tmp_path, no_pause):
+    """Its medium was removed; the path leads to another disk then."""
+    store = Store(directory)
+    directory.rename(tmp_path / "away")
+    store.on_mount(("a",), lambda _: pytest.fail("the directory is known"))
+    assert not save(store, "a", b"1")
+    assert not directory.exists()
+    (tmp_path / "away").rename(directory)
+    wait_for(store, lambda: not store.failure)
     assert store.load("a") == b"1"
     store.close()
 
 
-def test_another_autopilot_is_excluded_even_with_wait(tmp_path, no_pause):
-    """Also where a directory lay in the place of the lock file: it is set aside."""
-    (tmp_path / "state").mkdir()
-    (tmp_path / "state" / "lock").mkdir()
-    first = Store(tmp_path / "state", wait=True)
-    assert first.start_problem == ""
-    assert (tmp_path / "state" / "lock.aside").is_dir()
-    first.save("a", b"1")
-    assert settle(first) == [True]
+def test_a_directory_in_place_of_the_lock_file_is_renamed_and_another_autopilot_excluded(directory, no_pause):
+    (directory / "lock").mkdir(parents=True)
+    store = Store(directory, wait=True)
+    assert store.start_problem == ""
+    assert (directory / "lock.aside").is_dir()
+    assert save(store, "a", b"1")
     with pytest.raises(StoreError, match="in use by another autopilot"):
-        Store(tmp_path / "state", wait=True)
-    first.close()
-    Store(tmp_path / "state").close()
+        Store(directory, wait=True)
+    store.close()
+    Store(directory).close()
 
 
-def test_the_version_before_is_kept_out_by_the_file_and_keeps_out(tmp_path):
-    """It locks the file only."""
-    store = Store(tmp_path / "state")
-    with (tmp_path / "state" / "lock").open("w") as file, pytest.raises(BlockingIOError):
+def test_earlier_versions_which_lock_only_the_file_are_excluded(directory):
+    store = Store(directory)
+    with (directory / "lock").open("w") as file, pytest.raises(BlockingIOError):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     store.close()
-    with (tmp_path / "state" / "lock").open("w") as file:
+    with (directory / "lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         with pytest.raises(StoreError, match="in use by another autopilot"):
-            Store(tmp_path / "state", wait=True)
+            Store(directory, wait=True)
 
 
-def test_no_thread_leaves_nothing_held(tmp_path, monkeypatch):
-    def start(_thread):
+def test_without_a_thread_all_is_released(directory, monkeypatch):
+    def fail(_thread):
         raise RuntimeError("can't start new thread")
 
-    before = len(list(Path("/proc/self/fd").iterdir()))
+    count = open_descriptors()
     with monkeypatch.context() as patches:
-        patches.setattr(threading.Thread, "start", start)
+        patches.setattr(threading.Thread, "start", fail)
         with pytest.raises(RuntimeError):
-            Store(tmp_path / "state")
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
-    Store(tmp_path / "state").close()
+            Store(directory)
+    assert open_descriptors() == count
+    Store(directory).close()
 
 
-def gigabytes(path):
-    path.touch()
-    os.truncate(path, 3 << 30)
-
-
-def linked_out(path):
+def link_to_outside(path):
     (path.parents[1] / "outside").write_bytes(b"# rambler state 9 1 5c9a27e1\n9")
     path.symlink_to("../outside")
 
 
-ODD = {
-    os.mkfifo: "is a pipe, not a regular file",
-    linked_out: "is a symbolic link, not a regular file",
-    gigabytes: "is larger than 1 MiB",
-}
+def large_file(path):
+    path.touch()
+    os.truncate(path, 3 << 30)
 
 
-@pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
-def test_a_slot_that_is_no_file_is_not_read_and_is_set_aside_by_the_next_version(make, tmp_path):
-    (tmp_path / "state").mkdir()
-    make(tmp_path / "state" / "a.0")
-    outside = (tmp_path / "outside").read_bytes() if make is linked_out else b""
-    store = Store(tmp_path / "state")
-    found = store.examine("a")
-    assert (found.content, found.damage) == (None, f"a.0 cannot be read ({ODD[make]})")
-    for content in (b"new", b"newer"):
-        store.save("a", content)
-        assert settle(store) == [True]
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (os.mkfifo, "is a pipe, not a regular file"),
+        (link_to_outside, "is a symbolic link, not a regular file"),
+        (large_file, "is larger than 1 MiB"),
+    ],
+    ids=["pipe", "link", "large"],
+)
+def test_an_invalid_slot_is_not_read_and_is_renamed_by_the_next_version(make, problem, directory, tmp_path):
+    directory.mkdir()
+    make(directory / "a.0")
+    outside = tmp_path / "outside"
+    outside_content = outside.read_bytes() if outside.exists() else None
+    store = Store(directory)
+    assert store.examine("a") == Stored(damage=f"a.0 cannot be read ({problem})")
+    assert save(store, "a", b"new", b"newer")
     assert store.examine("a") == Stored(b"newer")
-    assert os.path.lexists(tmp_path / "state" / "a.0.aside")
+    assert os.path.lexists(directory / "a.0.aside")
     store.close()
-    if make is linked_out:
-        assert (tmp_path / "outside").read_bytes() == outside
+    assert outside_content is None or outside.read_bytes() == outside_content
 
 
-def test_what_would_be_too_large_to_be_read_is_not_stored(store):
-    store.save("a.key", b"k" * (64 << 10))
-    assert settle(store, "a.key") == [False]
+def test_content_larger_than_a_slot_is_not_stored(store):
+    assert not save(store, "a.key", b"k" * (64 << 10))
     assert "too large" in store.failure
 
 
-def test_close_finishes_what_was_requested(tmp_path):
-    store = Store(tmp_path / "state")
+def test_close_completes_the_requested_saves(directory):
+    store = Store(directory)
     for number in range(50):
         store.save("a", str(number).encode())
     store.close()
-    again = Store(tmp_path / "state")
-    assert again.load("a") == b"49"
-    again.close()
+    store = Store(directory)
+    assert store.load("a") == b"49"
+    store.close()
 
 
-def test_many_saves_call_back_in_order(store):
-    called = []
+def test_saves_call_back_in_order(store):
+    calls = []
     for number in range(20):
         store.save("a", bytes([number]))
-        store.when_stored(("a",), lambda well, number=number: called.append((number, well)))
-    settle(store)
-    assert called == [(number, True) for number in range(20)]
+        store.when_stored(("a",), lambda is_ok, number=number: calls.append((number, is_ok)))
+    assert is_stored(store)
+    assert calls == [(number, True) for number in range(20)]
 
 
-def test_what_is_private_is_for_the_owner_alone(tmp_path):
-    directory = tmp_path / "state"
+def test_private_names_are_readable_only_by_the_owner(directory):
     directory.mkdir()
-    (directory / "secret.1").write_bytes(b"")  # a copy that all users can read
+    (directory / "secret.1").write_bytes(b"")  # readable by all users
     (directory / "secret.1").chmod(0o644)
     store = Store(directory, private=("secret",))
-    try:
-        for content in (b"a long secret", b"another secret", b"none", b"none"):
-            store.save("secret", content)
-            store.save("open", content)
-            settle(store, "secret", "open")
-    finally:
-        store.close()
+    for content in (b"a long secret", b"another secret", b"none", b"none"):
+        store.save("secret", content)
+        store.save("open", content)
+        assert is_stored(store, "secret", "open")
+    store.close()
     modes = {path.name: path.stat().st_mode & 0o777 for path in directory.iterdir() if path.name != "lock"}
     assert not any(b"secret" in path.read_bytes() for path in directory.glob("secret.*"))
     assert modes == {"secret.0": 0o600, "secret.1": 0o600, "open.0": 0o640, "open.1": 0o640}
 
 
-def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
-    store = Store(tmp_path / "state")
-    answers = []
-    for name in ("broken", "whole"):
-        store.save(name, bytes(2 << 20 if name == "broken" else 1))  # the first is too large
-        store.when_stored((name,), lambda well, name=name: answers.append((name, well)))
+def test_a_failure_is_not_hidden_by_a_later_success(store):
+    results = []
+    for name, size in (("large", 2 << 20), ("small", 1)):
+        store.save(name, bytes(size))
+        store.when_stored((name,), lambda is_ok, name=name: results.append((name, is_ok)))
         assert select.select([store.fileno()], [], [], 10.0)[0]
-        woken = os.eventfd_read(store.fileno())  # not read in between
-    os.eventfd_write(store.fileno(), woken)
+        count = os.eventfd_read(store.fileno())  # `service` is not called in between
+    os.eventfd_write(store.fileno(), count)
     store.service()
-    store.close()
-    assert answers == [("broken", False), ("whole", True)]
+    assert results == [("large", False), ("small", True)]
 
 
-def test_removed_or_replaced_files_are_written_again(store, tmp_path):
-    """They stay open, so what is written to one that has no name any more would be lost."""
-    directory = tmp_path / "state"
-    for content in (b"first", b"second"):
-        store.save("a", content)
-        settle(store)
+def test_removed_or_replaced_files_are_written_again(store, directory):
+    """The store keeps its files open, and data in a file without a name would be lost."""
+    assert save(store, "a", b"first", b"second")
     for slot in (0, 1):
         (directory / f"a.{slot}").unlink()
     for content in (b"third", b"fourth"):
-        store.save("a", content)
-        assert settle(store) == [True]
+        assert save(store, "a", content)
         assert store.load("a") == content
     for slot in (0, 1):
         (directory / "copy").write_bytes((directory / f"a.{slot}").read_bytes())
         (directory / "copy").replace(directory / f"a.{slot}")
     for content in (b"fifth", b"sixth"):
-        store.save("a", content)
-        assert settle(store) == [True]
+        assert save(store, "a", content)
         assert store.load("a") == content
 
 
-def test_all_its_files_are_closed_in_the_end(tmp_path):
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    made = Store(tmp_path / "state", private=("b",))
+def test_close_closes_all_files(directory):
+    count = open_descriptors()
+    store = Store(directory, private=("b",))
     for name in ("a", "b") * 3:
-        made.save(name, b"content")
-        assert settle(made, name) == [True]
-    made.close()
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
+        assert save(store, name, b"content")
+    store.close()
+    assert open_descriptors() == count
 
 
-def test_the_name_of_a_new_file_reaches_the_disk_though_its_first_content_did_not(store, tmp_path, monkeypatch):
-    """The disk was ill: once it is well, what is said to be stored is found after a power cut, too."""
-    synced, failures, sync, sync_data = [], [OSError(errno.EIO, os.strerror(errno.EIO))], os.fsync, os.fdatasync
+def test_the_directory_entry_of_a_new_file_is_synced_after_a_failed_first_write(store, directory, monkeypatch):
+    synced, failures, fsync, fdatasync = [], [OSError(errno.EIO, os.strerror(errno.EIO))], os.fsync, os.fdatasync
 
-    def noted(descriptor):
+    def record_sync(descriptor):
         synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
-        sync(descriptor)
+        fsync(descriptor)
 
-    def fails_once(descriptor):
+    def fail_once(descriptor):
         if failures:
             raise failures.pop()
-        sync_data(descriptor)
+        fdatasync(descriptor)
 
-    monkeypatch.setattr(os, "fsync", noted)
-    monkeypatch.setattr(os, "fdatasync", fails_once)
-    store.save("a", b"first")
-    assert settle(store) == [False]
-    assert (tmp_path / "state" / "a.0").exists()
+    monkeypatch.setattr(os, "fsync", record_sync)
+    monkeypatch.setattr(os, "fdatasync", fail_once)
+    assert not save(store, "a", b"first")
+    assert (directory / "a.0").exists()
     assert synced == []
-    store.save("a", b"second")
-    assert settle(store) == [True]
-    assert synced == [tmp_path / "state"]
+    assert save(store, "a", b"second")
+    assert synced == [directory]
 
 
-def test_what_finds_no_room_leaves_no_file_without_a_byte(store, tmp_path, monkeypatch):
-    """The next start would take it for one that the card has lost."""
+def test_a_failed_write_leaves_no_empty_file(store, directory, monkeypatch):
+    """The next start would report it as damaged."""
     monkeypatch.setattr(os, "pwrite", lambda *_: 0)
-    store.save("a", b"first")
-    assert settle(store) == [False]
-    assert not (tmp_path / "state" / "a.0").exists()
+    assert not save(store, "a", b"first")
+    assert not (directory / "a.0").exists()
 
 
-def test_writes_are_counted_in_blocks_as_a_disk_takes_them(store, tmp_path):
+def test_written_blocks_are_counted(store):
     assert store.written == (0, 0)
-    store.save("a", b"1")
-    settle(store, "a")
-    assert store.written == (1, 2 * 4096)  # room is made first
-    for number in range(3):
-        store.save("a", b"%d" % number)
-        settle(store, "a")
+    assert save(store, "a", b"1")
+    assert store.written == (1, 2 * 4096)  # the space is allocated first
+    assert save(store, "a", b"0", b"1", b"2")
     assert store.written == (4, 6 * 4096)
-    store.save("a", bytes(5000))
-    settle(store, "a")
+    assert save(store, "a", bytes(5000))
     assert store.written == (5, 10 * 4096)
-    store.try_save("a", b"2", lambda _well: None)
+    store.try_save("a", b"2", lambda _is_ok: None)
     assert store.settle()
     assert store.written == (6, 11 * 4096)
 
 
-def test_what_is_requested_for_is_settled_when_time_may_go_on(store, tmp_path):
+def test_settle_waits_for_all_saves_and_reports_due_callbacks(store):
     assert not store.settle()
     results = []
     for number in range(20):
@@ -439,7 +396,7 @@ def test_what_is_requested_for_is_settled_when_time_may_go_on(store, tmp_path):
     store.service()
     assert results == [True]
     assert not store.settle()
-    store.try_save("b/c", b"1", results.append)  # there is no such directory
+    store.try_save("b/c", b"1", results.append)  # the directory b does not exist
     assert store.settle()
     store.service()
     assert results == [True, False]

@@ -1,4 +1,4 @@
-"""A record of another version: a field that was added, removed or renamed since leaves the others as they are."""
+"""Records of other versions: a field that was added, removed or renamed does not affect the others."""
 
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,21 +15,29 @@ from firmware_py.system.endings import Ending, Endings
 
 
 @dataclass(frozen=True)
-class Kept:
-    """A record with every field filled, and the paths of all fields in its plain form."""
+class StoredRecord:
+    """A record with every field filled, its module, and the paths of its fields."""
 
     module: object
     record: msgspec.Struct
     paths: tuple[tuple[object, ...], ...]
 
+    def plain(self):
+        return msgspec.msgpack.decode(self.module.to_bytes(self.record))
 
-KEPT = [
-    Kept(
+    def decode(self, plain):
+        """Return the plain form of the decoded record, and the notes."""
+        record, notes = self.module.from_bytes(msgspec.msgpack.encode(plain))
+        return msgspec.msgpack.decode(self.module.to_bytes(record)), notes
+
+
+RECORDS = [
+    StoredRecord(
         endings,
         Endings({"killed": 2}, (Ending("killed", "SIGKILL", 1.8e9),), running=True),
         (("counts",), ("last",), ("running",), ("last", 0, "text"), ("last", 0, "utc_s")),
     ),
-    Kept(
+    StoredRecord(
         satellite,
         satellite.Record(Ledger(20600, 676, 3, 41, 250), Window(7, (9,)), ((7, 123456),)),
         (
@@ -38,85 +46,77 @@ KEPT = [
         ),
     ),
 ]
-CASES = [pytest.param(kept, path, id=".".join(map(str, path))) for kept in KEPT for path in kept.paths]
+STRUCTS = {"window": "Window", "ledger": "Ledger", "last": "Ending"}
+each_record = pytest.mark.parametrize("stored", RECORDS, ids=lambda stored: type(stored.record).__name__)
+each_field = pytest.mark.parametrize(
+    ("stored", "path"),
+    [pytest.param(stored, path, id=".".join(map(str, path))) for stored in RECORDS for path in stored.paths],
+)
 
 
-def plain_of(kept):
-    return msgspec.msgpack.decode(kept.module.to_bytes(kept.record))
-
-
-def holder_of(plain, path):
-    for part in path[:-1]:
-        plain = plain[part]
+def parent_of(plain, path):
+    """Return the part of a plain record that contains the field."""
+    for key in path[:-1]:
+        plain = plain[key]
     return plain
 
 
-def read(kept, plain):
-    record, notes = kept.module.from_bytes(msgspec.msgpack.encode(plain))
-    return plain_of(Kept(kept.module, record, ())), notes
-
-
-@pytest.mark.parametrize(("kept", "path"), CASES)
-def test_a_field_that_this_version_has_added_takes_its_default(kept, path):
-    plain = plain_of(kept)
-    value = holder_of(plain, path).pop(path[-1])
-    found, notes = read(kept, plain)
-    default = holder_of(found, path).pop(path[-1])
-    assert (found, notes) == (plain, ())
+@each_field
+def test_an_added_field_has_its_default(stored, path):
+    plain = stored.plain()
+    value = parent_of(plain, path).pop(path[-1])
+    decoded, notes = stored.decode(plain)
+    default = parent_of(decoded, path).pop(path[-1])
+    assert (decoded, notes) == (plain, ())
     assert default != value
 
 
-@pytest.mark.parametrize(("kept", "path"), CASES)
-def test_a_field_that_this_version_has_removed_is_ignored_and_reported(kept, path):
-    plain = plain_of(kept)
-    wanted = deepcopy(plain)
-    holder_of(plain, path)["tide_m"] = 1.5
-    found, (note,) = read(kept, plain)
-    assert found == wanted
+@each_field
+def test_a_removed_field_is_ignored_and_reported(stored, path):
+    plain = stored.plain()
+    parent_of(plain, path)["tide_m"] = 1.5
+    decoded, (note,) = stored.decode(plain)
+    assert decoded == stored.plain()
     assert note.endswith(": field 'tide_m' is not known here, ignored")
 
 
-@pytest.mark.parametrize(("kept", "path"), CASES)
-def test_a_field_that_this_version_has_renamed_is_found_or_reported(kept, path, monkeypatch):
-    plain = plain_of(kept)
-    wanted, bare = deepcopy(plain), deepcopy(plain)
-    holder_of(bare, path).pop(path[-1])
-    holder = holder_of(plain, path)
-    holder["former"] = holder.pop(path[-1])
-    found, (note,) = read(kept, deepcopy(plain))
-    assert found == read(kept, bare)[0]
+@each_field
+def test_a_renamed_field_is_reported_or_read_by_its_former_name(stored, path, monkeypatch):
+    plain, without_field = stored.plain(), stored.plain()
+    parent_of(without_field, path).pop(path[-1])
+    parent = parent_of(plain, path)
+    parent["former"] = parent.pop(path[-1])
+    decoded, (note,) = stored.decode(deepcopy(plain))
+    assert decoded == stored.decode(without_field)[0]
     assert note.endswith(": field 'former' is not known here, ignored")
-    names = {"window": "Window", "ledger": "Ledger", "last": "Ending"}
-    kind = names[path[0]] if len(path) > 1 else type(kept.record).__name__
-    monkeypatch.setitem(record_codec.FORMER_NAMES, kind, {"former": path[-1]})
-    assert read(kept, plain) == (wanted, ())
+    struct = STRUCTS[path[0]] if len(path) > 1 else type(stored.record).__name__
+    monkeypatch.setitem(record_codec.FORMER_NAMES, struct, {"former": path[-1]})
+    assert stored.decode(plain) == (stored.plain(), ())
 
 
-@pytest.mark.parametrize("kept", KEPT, ids=lambda kept: type(kept.record).__name__)
-def test_a_record_of_a_later_version_is_read_by_name_and_reported(kept):
-    plain = plain_of(kept)
-    found, (note,) = read(kept, {**plain, "version": plain["version"] + 1})
-    assert found == plain
+@each_record
+def test_a_record_of_a_later_version_is_read_and_reported(stored):
+    plain = stored.plain()
+    decoded, (note,) = stored.decode({**plain, "version": plain["version"] + 1})
+    assert decoded == plain
     assert "written by a later version" in note
 
 
-@pytest.mark.parametrize("kept", KEPT, ids=lambda kept: type(kept.record).__name__)
-def test_a_record_that_was_cut_off_or_changed_is_refused(kept):
-    content = kept.module.to_bytes(kept.record)
+@each_record
+def test_a_truncated_record_is_refused(stored):
+    content = stored.module.to_bytes(stored.record)
     for length in range(len(content)):
         with pytest.raises(ValueError):
-            kept.module.from_bytes(content[:length])
+            stored.module.from_bytes(content[:length])
 
 
 @pytest.mark.parametrize(
     "record",
     [
         satellite.Record(Ledger(day_used=-1)),
-        satellite.Record(window=Window(-1)),
-        satellite.Record(window=Window(7, (9, 8))),
-        satellite.Record(window=Window(7, (9, 9))),
+        *(satellite.Record(window=window) for window in (Window(-1), Window(7, (9, 8)), Window(7, (9, 9)))),
     ],
 )
-def test_counts_that_no_satellite_link_can_have_are_refused(record):
+def test_impossible_counts_of_a_satellite_link_are_refused(record):
     with pytest.raises(ValueError, match="negative, or the numbers are not in order"):
         satellite.from_bytes(satellite.to_bytes(record))

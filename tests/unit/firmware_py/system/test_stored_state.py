@@ -1,4 +1,4 @@
-"""What is acknowledged is there after a restart, what is refused is not, and nothing is silent: at every failure."""
+"""After any failed call, acknowledged state exists at the next start, refused state does not; failures are reported."""
 
 import errno
 import itertools
@@ -34,7 +34,7 @@ from firmware_py.link.satellite import record as satellite
 from firmware_py.link.satellite.messages import Window
 from firmware_py.system import endings
 from firmware_py.system.endings import ENDINGS_FILE
-from firmware_py.system.slots import SlotWriter, stored_content
+from firmware_py.system.slots import SlotWriter, read_content
 from firmware_py.system.state_directory import (
     PARAMETER_FILE,
     PLAN_FILES,
@@ -49,17 +49,17 @@ from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
 
 UTC_S = 1.8e9
-DOUBT = "the next start may find it nevertheless"
-LONG = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than a slot's first size
+UNCERTAIN = "the next start may find it nevertheless"
+LONG_ITEMS = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than the initial size of a slot
 
 
 def plan(number):
-    return Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number), *(LONG if number % 2 else ())))
+    return Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number), *(LONG_ITEMS if number % 2 else ())))
 
 
 @dataclass
 class Boat:
-    """An autopilot over a state directory, as far as keeping goes."""
+    """The parts of an autopilot that store state."""
 
     store: Store
     autopilot: Autopilot
@@ -68,139 +68,163 @@ class Boat:
     @classmethod
     def start(cls, directory, *, resumes=False):
         store = Store(directory, private=(SIGNING_FILE,))
-        kept = StateDirectory(store, lambda _text: None)
+        state_directory = StateDirectory(store, lambda _text: None)
         base = ParameterSet().replaced("BOOT_RESUME", 2 if resumes else 0)
-        state = State.at_start(kept.parameters_over(base), kept.plans())
-        autopilot = Autopilot(resume(state, kept.resume_record(), Moment(UTC_S), pytest.fail), kept)
-        return cls(store, autopilot, KeyVault(store))
+        state = State.at_start(state_directory.apply_parameters(base), state_directory.plans())
+        state = resume(state, state_directory.resume_record(), Moment(UTC_S), pytest.fail)
+        return cls(store, Autopilot(state, state_directory), KeyVault(store))
 
-    def wait(self, answers):
-        while not answers:
-            assert select.select([self.store.fileno()], [], [], 10.0)[0]
-            self.store.service()
-        return answers[0]
+    def wait(self, results):
+        wait_for(self.store, lambda: results)
+        return results[0]
 
     def end(self):
         self.store.close()
         return self
 
 
+def wait_for(store, condition):
+    while not condition():
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+
+
 def set_parameter(boat, number):
-    answers = []
+    results = []
     boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 70.0 + number)))
-    boat.autopilot.when_stored(answers.append)
-    return boat.wait(answers)
+    boat.autopilot.when_stored(results.append)
+    return boat.wait(results)
 
 
 def clear_parameters(boat, number):
-    """Set it and forget it by turns, so that there is something to forget at the third act."""
+    """Set a parameter in the first two actions, clear all in the others."""
     if number < 2:
         return set_parameter(boat, 0)
-    answers = []
+    results = []
     boat.autopilot.decide(Request(0.0, ForgetParameters()))
-    boat.autopilot.when_stored(answers.append)
-    return boat.wait(answers)
+    boat.autopilot.when_stored(results.append)
+    return boat.wait(results)
 
 
 def replace_plan(boat, number):
-    answers = []
-    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(plan(number))), answers.append)
-    return boat.wait(answers).verdict is Verdict.ACCEPTED
+    results = []
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(plan(number))), results.append)
+    return boat.wait(results).verdict is Verdict.ACCEPTED
 
 
-def replace_plan_beside_a_parameter(boat, number):
-    """Both in one round of the writer or in two; only the plan is judged."""
+def replace_plan_and_parameter(boat, number):
+    """The writer may write both at once or one after the other; only the plan is checked."""
     boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 70.0 + number)))
     return replace_plan(boat, number)
 
 
 def set_key(boat, number):
-    answers = []
+    results = []
     boat.vault.save(b"key of number %d" % number, both_slots=True)
-    boat.vault.when_stored(answers.append)
-    return boat.wait(answers)
-
-
-def keep_endings(boat, number):
-    return save_record(boat, ENDINGS_FILE, endings.to_bytes(endings_of(number)))
-
-
-def keep_satellite_record(boat, number):
-    return save_record(boat, SATELLITE_FILE, satellite.to_bytes(satellite_record_of(number)))
+    boat.vault.when_stored(results.append)
+    return boat.wait(results)
 
 
 def save_record(boat, name, content):
-    answers = []
+    results = []
     boat.store.save(name, content)
-    boat.store.when_stored((name,), answers.append)
-    return boat.wait(answers)
+    boat.store.when_stored((name,), results.append)
+    return boat.wait(results)
 
 
-def endings_of(number):
+def save_endings(boat, number):
+    return save_record(boat, ENDINGS_FILE, endings.to_bytes(endings_record(number)))
+
+
+def save_satellite_record(boat, number):
+    return save_record(boat, SATELLITE_FILE, satellite.to_bytes(satellite_record(number)))
+
+
+def endings_record(number):
     return endings.Endings({"killed": 1 + number}, running=True)
 
 
-def satellite_record_of(number):
+def satellite_record(number):
     return satellite.Record(window=Window(used=(1 + number,)))
 
 
-def record_in(boat, name, read):
+def read_record(boat, name, decode):
     content = boat.store.load(name)
-    return None if content is None else repr(read(content))  # counts have no hash
+    return None if content is None else repr(decode(content))  # a record is not hashable
 
 
-def give_order(boat, intent):
-    """Give an order and wait until it is acknowledged, as the loop and the link do."""
-    answers = []
+def send_order(boat, intent):
+    """Send an order and wait until it is stored, as loop and link do before they acknowledge it."""
+    results = []
     boat.autopilot.save_resume(0.0, UTC_S)
     assert boat.autopilot.decide(Request(0.0, intent)).verdict is Verdict.ACCEPTED
-    boat.autopilot.when_orders_stored(answers.append)
-    return boat.wait(answers)
+    boat.autopilot.when_orders_stored(results.append)
+    return boat.wait(results)
 
 
 def arm_or_disarm(boat, number):
-    return give_order(boat, Arm(number % 2 == 0, force=True))
+    return send_order(boat, Arm(number % 2 == 0, force=True))
 
 
 def set_mode(boat, number):
-    return give_order(boat, SetMode(int(Mode.HOLD if number % 2 else Mode.MANUAL)))
+    return send_order(boat, SetMode(int(Mode.HOLD if number % 2 else Mode.MANUAL)))
 
 
 def set_home(boat, number):
-    return give_order(boat, SetHome(0.1 * number, 1.0))
+    return send_order(boat, SetHome(0.1 * number, 1.0))
 
 
-ACTS = {
-    set_parameter: lambda boat: boat.autopilot.parameters()["CTL_K1"],
-    clear_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
-    replace_plan: lambda boat: boat.autopilot.plans().mission,
-    replace_plan_beside_a_parameter: lambda boat: boat.autopilot.plans().mission,
-    set_key: lambda boat: boat.vault.load().content,
-    keep_endings: lambda boat: record_in(boat, ENDINGS_FILE, endings.from_bytes),
-    keep_satellite_record: lambda boat: record_in(boat, SATELLITE_FILE, satellite.from_bytes),
-    arm_or_disarm: lambda boat: boat.autopilot.state.modes.armed,
-    set_mode: lambda boat: boat.autopilot.state.modes.mode,
-    set_home: lambda boat: boat.autopilot.state.home,
+# Each action with the functions that read its result from a boat and compute the expected result.
+ACTIONS = {
+    set_parameter: (lambda boat: boat.autopilot.parameters()["CTL_K1"], lambda number: 70.0 + number),
+    clear_parameters: (
+        lambda boat: boat.autopilot.parameters()["CTL_K1"],
+        lambda number: ParameterSet()["CTL_K1"] if number >= 2 else 70.0,
+    ),
+    replace_plan: (lambda boat: boat.autopilot.plans().mission, plan),
+    replace_plan_and_parameter: (lambda boat: boat.autopilot.plans().mission, plan),
+    set_key: (lambda boat: boat.vault.load().content, lambda number: b"key of number %d" % number),
+    save_endings: (
+        lambda boat: read_record(boat, ENDINGS_FILE, endings.from_bytes),
+        lambda number: repr((endings_record(number), ())),
+    ),
+    save_satellite_record: (
+        lambda boat: read_record(boat, SATELLITE_FILE, satellite.from_bytes),
+        lambda number: repr((satellite_record(number), ())),
+    ),
+    arm_or_disarm: (lambda boat: boat.autopilot.state.modes.armed, lambda number: number % 2 == 0),
+    set_mode: (
+        lambda boat: boat.autopilot.state.modes.mode,
+        lambda number: Mode.HOLD if number % 2 else Mode.MANUAL,
+    ),
+    set_home: (lambda boat: boat.autopilot.state.home, lambda number: Home(0.1 * number, 1.0, 0.0)),
 }
 ORDERS = (arm_or_disarm, set_mode, set_home)
-RECORDS = (keep_endings, keep_satellite_record)
-PLANS = (replace_plan, replace_plan_beside_a_parameter)
+RECORDS = (save_endings, save_satellite_record)
+PLANS = (replace_plan, replace_plan_and_parameter)
 FAULTS = [(kind, lasting) for kind in KINDS for lasting in (False, True)]
 
 
-FOUND = {}  # by what lies on the disk: most faults leave the same as others
+RESULTS = {}  # by the content of the disk, because most faults leave the same content
 
 
-def found(directory, act):
-    """Return the state that the next start loads."""
-    image = (act, *sorted((path.name, path.read_bytes()) for path in directory.iterdir()))
-    if image not in FOUND:
-        FOUND[image] = ACTS[act](Boat.start(directory, resumes=act in ORDERS).end())
-    return FOUND[image]
+def result_after_start(directory, action):
+    """Return the result of an action that the next start loads."""
+    image = (action, *sorted((path.name, path.read_bytes()) for path in directory.iterdir()))
+    if image not in RESULTS:
+        read, _ = ACTIONS[action]
+        RESULTS[image] = read(Boat.start(directory, resumes=action in ORDERS).end())
+    return RESULTS[image]
 
 
-def images(disk, folder):
-    """Return the possible states at the next start: after a kill, and after a power cut."""
+def result_in_copy(disk, copy, action):
+    with disk.still:
+        shutil.copytree(disk.directory, copy)
+    return result_after_start(copy, action)
+
+
+def copy_images(disk, folder):
+    """Copy the possible contents of the disk at the next start: after a kill, and after a power cut."""
     with disk.still:
         shutil.copytree(disk.directory, folder / "killed")
         for pattern in CUTS:
@@ -208,93 +232,72 @@ def images(disk, folder):
     return [folder / name for name in ("killed", *CUTS)]
 
 
-def judge(act, tmp_path, monkeypatch, before, failing, *, restart):
-    """Do one act on a failing disk, perhaps the first one of a run; return the number of its calls."""
-    at, (kind, lasting) = failing
+def check_action(action, tmp_path, monkeypatch, number, fault, *, restart):
+    """Do an action after `number` others on a failing disk, perhaps as the first of a run; return its call count."""
+    at, (kind, lasting) = fault
     with monkeypatch.context() as patches:
-        patches.setattr("firmware_py.system.store.RETRY_S", 1000.0)  # only what is asked for is tried again
+        patches.setattr("firmware_py.system.store.RETRY_S", 1000.0)  # only explicit retries
         disk = FaultyDisk(tmp_path / "state", patches)
-        boat = Boat.start(disk.directory, resumes=act in ORDERS)
-        for number in range(before):
-            assert act(boat, number)
+        boat = Boat.start(disk.directory, resumes=action in ORDERS)
+        for earlier in range(number):
+            assert action(boat, earlier)
         if restart:
             boat.end()
-            boat = Boat.start(disk.directory, resumes=act in ORDERS)
-        old = found_beside(disk, tmp_path / "old", act)
+            boat = Boat.start(disk.directory, resumes=action in ORDERS)
+        old = result_in_copy(disk, tmp_path / "old", action)
         disk.arm(at, kind, lasting=lasting)
-        stored = act(boat, before)
-        failure, failed, calls = boat.store.failure, list(disk.failed), disk.count
-        results = [found(image, act) for image in images(disk, tmp_path)]
+        is_acknowledged = action(boat, number)
+        failure, failed_calls, calls = boat.store.failure, list(disk.failed), disk.count
+        results = {result_after_start(image, action) for image in copy_images(disk, tmp_path)}
         disk.arm(None)
         boat.end()
-    new = found_after(act, before)
-    forgets = act is clear_parameters and before >= 2
-    mine = PLAN_FILES[PlanKind.MISSION] in failure if act in PLANS else bool(failure)
-    assert not (mine and stored), "what is stored has not failed"
+    new = ACTIONS[action][1](number)
+    clears = action is clear_parameters and number >= 2
+    has_failed = PLAN_FILES[PlanKind.MISSION] in failure if action in PLANS else bool(failure)
+    assert not (has_failed and is_acknowledged)
     # After a failed clearing the parameters are saved again at once, possibly with success.
-    assert mine or stored or forgets, "a failure is reported while it lasts"
-    if stored:
-        assert set(results) == {new}, f"acknowledged, and not there: {failed}"
-    elif act is set_key or act in RECORDS:
-        assert set(results) <= {old, new}  # it is in force: nothing was refused
-    elif DOUBT not in failure:
-        assert set(results) == {old}, f"refused, and there: {failed}"
+    assert has_failed or is_acknowledged or clears, "a failure is reported while it lasts"
+    if is_acknowledged:
+        assert results == {new}, f"acknowledged, but not stored: {failed_calls}"
+    elif action is set_key or action in RECORDS:
+        assert results <= {old, new}  # they are not refused
+    elif UNCERTAIN not in failure:
+        assert results == {old}, f"refused, but stored: {failed_calls}"
     else:
-        assert lasting, "one fault leaves no doubt"
-    # The disk works again: what is in force, and a plan that was refused is not, is there.
+        assert lasting, "a single fault is never uncertain"
+    # When the disk works again, the active state is stored; a refused plan is not active.
     assert boat.store.failure == ""
-    in_force = old if not stored and (forgets or act in PLANS) else new
-    assert found(tmp_path / "state", act) == in_force
+    is_refused = not is_acknowledged and (clears or action in PLANS)
+    assert result_after_start(tmp_path / "state", action) == (old if is_refused else new)
     return calls
 
 
-def found_beside(disk, copy, act):
-    with disk.still:
-        shutil.copytree(disk.directory, copy)
-    return found(copy, act)
-
-
-def found_after(act, number):
-    values = {
-        set_parameter: 70.0 + number,
-        clear_parameters: ParameterSet()["CTL_K1"] if number >= 2 else 70.0,
-        replace_plan: plan(number),
-        replace_plan_beside_a_parameter: plan(number),
-        set_key: b"key of number %d" % number,
-        keep_endings: repr((endings_of(number), ())),
-        keep_satellite_record: repr((satellite_record_of(number), ())),
-        arm_or_disarm: number % 2 == 0,
-        set_mode: Mode.HOLD if number % 2 else Mode.MANUAL,
-        set_home: Home(0.1 * number, 1.0, 0.0),
-    }
-    return values[act]
-
-
-def cases():
-    """All acts in a run with earlier acts, and each kind of act as the first one of a run."""
-    yield from ((act, before, False) for act in ACTS if act not in RECORDS for before in range(4))
-    yield from ((act, 1, False) for act in RECORDS)
-    yield from ((act, 2, True) for act in (set_parameter, replace_plan, set_key, arm_or_disarm))
+CASES = [
+    *((action, number, False) for action in ACTIONS if action not in RECORDS for number in range(4)),
+    *((action, 1, False) for action in RECORDS),
+    *((action, 2, True) for action in (set_parameter, replace_plan, set_key, arm_or_disarm)),
+]
 
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.proof)], ids=["sampled", "every"])
-@pytest.mark.parametrize(("act", "before", "restart"), list(cases()), ids=lambda word: getattr(word, "__name__", None))
-def test_at_a_failing_call_acknowledged_is_there_and_refused_is_not(act, before, restart, every, tmp_path, monkeypatch):
-    def calls_of(at, fault):
+@pytest.mark.parametrize(("action", "number", "restart"), CASES, ids=lambda value: getattr(value, "__name__", None))
+def test_after_a_failed_call_acknowledged_state_is_stored_and_refused_is_not(
+    action, number, restart, every, tmp_path, monkeypatch
+):
+    def count_calls(at, fault):
         folder = tmp_path / "case"
         (folder / "state").mkdir(parents=True)
-        calls = judge(act, folder, monkeypatch, before, (at, fault), restart=restart)
+        calls = check_action(action, folder, monkeypatch, number, (at, fault), restart=restart)
         shutil.rmtree(folder)
         return calls
 
-    cases, calls = 0, calls_of(None, FAULTS[0])
-    for fault in FAULTS[:4] if restart else FAULTS:  # what is torn or short is the same then
-        for at in itertools.count() if every else sampled(calls, 1, f"{act.__name__} {before} {restart} {fault}"):
-            if calls_of(at, fault) <= at:
+    cases, calls = 0, count_calls(None, FAULTS[0])
+    for fault in FAULTS[:4] if restart else FAULTS:  # torn and short writes do not depend on a restart
+        for at in itertools.count() if every else sampled(calls, 1, f"{action.__name__} {number} {restart} {fault}"):
+            if count_calls(at, fault) <= at:
                 break
             cases += 1
-    print(f"{cases} cases")
-    assert cases >= 2 * len(FAULTS) or not every  # writing and forcing to disk, at the least
+    assert cases >= 2 * len(FAULTS) or not every  # at least a write and a sync
 
 
 @pytest.fixture
@@ -303,8 +306,8 @@ def disk(tmp_path, monkeypatch):
     return FaultyDisk(tmp_path / "state", monkeypatch)
 
 
-def test_a_value_that_is_in_force_but_not_on_disk_is_confirmed_only_when_it_is(disk, tmp_path):
-    """Another save that goes well does not make it stored, nor end the fault."""
+def test_a_value_is_confirmed_only_when_it_is_stored_itself(disk, tmp_path):
+    """The successful save of another name neither stores it nor ends its failure."""
     boat = Boat.start(disk.directory)
     assert set_parameter(boat, 0)
     disk.arm(0, lasting=True)
@@ -312,85 +315,81 @@ def test_a_value_that_is_in_force_but_not_on_disk_is_confirmed_only_when_it_is(d
     disk.arm(None)
     assert replace_plan(boat, 2)
     assert "parameters.param cannot be stored" in boat.store.failure
-    again = []
-    boat.autopilot.when_stored(again.append)  # as PARAM_SET of the value in force does
-    assert boat.wait(again)
-    assert found_beside(disk, tmp_path / "killed", set_parameter) == 77.0
+    results = []
+    boat.autopilot.when_stored(results.append)  # as PARAM_SET with the active value does
+    assert boat.wait(results)
+    assert result_in_copy(disk, tmp_path / "killed", set_parameter) == 77.0
     assert boat.store.failure == ""
     boat.end()
 
 
-def test_a_name_that_failed_is_stored_by_itself_when_the_disk_works_again(disk, tmp_path, monkeypatch):
+def test_a_failed_name_is_stored_without_a_request_when_the_disk_works_again(disk, tmp_path, monkeypatch):
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
     boat = Boat.start(disk.directory)
     disk.arm(0, lasting=True)
     assert not set_parameter(boat, 7)
     disk.arm(None)
-    while boat.store.failure:
-        assert select.select([boat.store.fileno()], [], [], 10.0)[0]
-        boat.store.service()
-    assert found_beside(disk, tmp_path / "killed", set_parameter) == 77.0
+    wait_for(boat.store, lambda: not boat.store.failure)
+    assert result_in_copy(disk, tmp_path / "killed", set_parameter) == 77.0
     boat.end()
 
 
-def test_each_name_of_one_round_has_its_own_result(disk, tmp_path, monkeypatch):
+def test_names_that_are_written_together_have_their_own_results(disk, tmp_path, monkeypatch):
     boat = Boat.start(disk.directory)
     assert set_parameter(boat, 0)
     assert replace_plan(boat, 0)
     write, gate = SlotWriter.write, threading.Event()
 
-    def write_all_but_parameters(writer, name, content):
+    def fail_for_parameters(writer, name, content):
         gate.wait(10.0)
         if name == PARAMETER_FILE:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         write(writer, name, content)
 
-    monkeypatch.setattr(SlotWriter, "write", write_all_but_parameters)
+    monkeypatch.setattr(SlotWriter, "write", fail_for_parameters)
     plans, values = [], []
-    boat.vault.save(b"key")  # holds the writer up until both are asked for
+    boat.vault.save(b"key")  # blocks the writer until both are requested
     boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 77.0)))
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(plan(2))), plans.append)
     boat.autopilot.when_stored(values.append)
     gate.set()
     assert boat.wait(plans).verdict is Verdict.ACCEPTED
     assert not boat.wait(values)
-    assert found_beside(disk, tmp_path / "killed", replace_plan) == plan(2)
+    assert result_in_copy(disk, tmp_path / "killed", replace_plan) == plan(2)
     monkeypatch.undo()
     boat.end()
 
 
-def damaged(path):
+def flip_bit(path):
     content = bytearray(path.read_bytes())
     content[content.index(b"\n") + 2] ^= 1
     path.write_bytes(content)
 
 
-def zeroed(path):
+def fill_with_zeros(path):
     path.write_bytes(bytes(path.stat().st_size))
 
 
-def torn(path):
+def truncate(path):
     path.write_bytes(path.read_bytes()[:30])
 
 
-def emptied(path):
+def empty(path):
     path.write_bytes(b"")
 
 
-def unreadable(path):
+def replace_by_directory(path):
     path.unlink()
     path.mkdir()
 
 
+DAMAGES = (flip_bit, fill_with_zeros, truncate, empty)
 LOSSES = {
-    damaged: "is damaged",
-    zeroed: "is damaged",
-    torn: "is damaged",
-    emptied: "is damaged",
-    unreadable: "cannot be read (Is a directory)",
+    **dict.fromkeys(DAMAGES, "is damaged"),
+    replace_by_directory: "cannot be read (Is a directory)",
     Path.unlink: "is missing",
 }
-INSTEAD = {
+CONSEQUENCES = {
     PARAMETER_FILE: "the vehicle file's parameters are used",
     PLAN_FILES[PlanKind.MISSION]: "there is no mission",
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
@@ -399,7 +398,13 @@ INSTEAD = {
 }
 
 
-def reported(directory):
+def save_once(directory, name, content):
+    store = Store(directory)
+    store.save(name, content)
+    store.close()
+
+
+def damage_reports(directory):
     reports = []
     store = Store(directory)
     report_damage(store, reports.append)
@@ -407,92 +412,76 @@ def reported(directory):
     return reports
 
 
-@pytest.mark.parametrize("name", INSTEAD)
+@pytest.mark.parametrize("name", CONSEQUENCES)
 @pytest.mark.parametrize("lose", LOSSES, ids=lambda lose: lose.__name__)
-def test_lost_slots_are_reported_by_name_with_the_replacement(name, lose, tmp_path):
-    store = Store(tmp_path)
-    store.save(name, b"")
-    store.close()
-    assert reported(tmp_path) == []
+def test_lost_slots_are_reported_with_the_consequence(name, lose, tmp_path):
+    assert damage_reports(tmp_path) == []  # a new directory
+    save_once(tmp_path, name, b"")
+    assert damage_reports(tmp_path) == []
     for content in (b"# 1", b"# 2"):
-        store = Store(tmp_path)
-        store.save(name, content)
-        store.close()
-    assert reported(tmp_path) == []
+        save_once(tmp_path, name, content)
+    assert damage_reports(tmp_path) == []
     lose(tmp_path / f"{name}.0")
     damage = f"{name}.0 {LOSSES[lose]}"
-    assert reported(tmp_path) == [f"{damage}: the other slot is used, perhaps an older version"]
+    assert damage_reports(tmp_path) == [f"{damage}: the other slot is used, perhaps an older version"]
     if lose is Path.unlink:
         return
     lose(tmp_path / f"{name}.1")
-    assert reported(tmp_path) == [f"{damage}, {name}.1 {LOSSES[lose]}: {INSTEAD[name]}"]
-
-
-def test_a_state_directory_that_is_new_has_lost_nothing(tmp_path):
-    assert reported(tmp_path / "state") == []
+    assert damage_reports(tmp_path) == [f"{damage}, {name}.1 {LOSSES[lose]}: {CONSEQUENCES[name]}"]
 
 
 @pytest.mark.parametrize("lost", [(0,), (1,), (0, 1)])
-@pytest.mark.parametrize("lose", [damaged, zeroed, torn, emptied])
-def test_what_is_stored_after_a_loss_wins(lost, lose, tmp_path):
+@pytest.mark.parametrize("lose", DAMAGES, ids=lambda lose: lose.__name__)
+def test_a_version_stored_after_a_loss_is_the_newest(lost, lose, tmp_path):
     for content in (b"1", b"2", b"3"):
-        store = Store(tmp_path)
-        store.save("a", content)
-        store.close()
+        save_once(tmp_path, "a", content)
     for slot in lost:
         lose(tmp_path / f"a.{slot}")
-    store = Store(tmp_path)
-    store.save("a", b"new")
-    store.close()
-    assert stored_content(tmp_path, "a") == b"new"
+    save_once(tmp_path, "a", b"new")
+    assert read_content(tmp_path, "a") == b"new"
 
 
-def mission_in(directory):
-    return stored_content(directory, PLAN_FILES[PlanKind.MISSION])
+def stored_mission(directory):
+    return read_content(directory, PLAN_FILES[PlanKind.MISSION])
 
 
-@pytest.mark.parametrize("since_the_start", [True, False])
-@pytest.mark.parametrize("holds", [True, False])
-def test_another_disk_gets_the_plan_in_force_unless_it_holds_one_and_none_was_set(
-    since_the_start, holds, tmp_path, monkeypatch
+@pytest.mark.parametrize("is_set_since_start", [True, False])
+@pytest.mark.parametrize("has_mission", [True, False])
+def test_a_directory_mounted_late_gets_the_active_plan_unless_its_own_is_newer(
+    is_set_since_start, has_mission, tmp_path, monkeypatch
 ):
-    """As a partition that comes back empty under way: the next start would have neither fence nor mission."""
+    """Otherwise, after an empty partition was mounted, the next start would have neither fence nor mission."""
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
-    contents = []
+    missions = {}
     for number in (2, 1):
         boat = Boat.start(tmp_path / f"{number}")
         assert replace_plan(boat, number)
         boat.end()
-        contents.append(mission_in(tmp_path / f"{number}"))
-    other, in_force = contents
+        missions[number] = stored_mission(tmp_path / f"{number}")
     boat = Boat.start(tmp_path / "1")
-    if since_the_start:
+    if is_set_since_start:
         assert replace_plan(boat, 1)
     (tmp_path / "1").rename(tmp_path / "gone")
-    boat.store.save("a", b"")  # whatever is stored next finds out
-    if holds:
+    boat.store.save("a", b"")  # any save notices the new directory
+    if has_mission:
         (tmp_path / "2").rename(tmp_path / "1")
     else:
         (tmp_path / "1").mkdir()
-    reports = []
-    boat.store.when_stored(("a",), reports.append)
-    while boat.store.failure or not reports:
-        assert select.select([boat.store.fileno()], [], [], 10.0)[0]
-        boat.store.service()
+    results = []
+    boat.store.when_stored(("a",), results.append)
+    wait_for(boat.store, lambda: results and not boat.store.failure)
     boat.end()
-    assert mission_in(tmp_path / "1") == (other if holds and not since_the_start else in_force)
+    assert stored_mission(tmp_path / "1") == missions[2 if has_mission and not is_set_since_start else 1]
 
 
-def test_a_plan_that_is_being_stored_is_not_replaced_by_the_one_before(tmp_path):
-    """Else its acknowledgement would be that of the other."""
-    store, answers = Store(tmp_path), []
-    wake, store._wake = store._wake, SimpleQueue()  # the writer does not begin yet
-    store.try_save("a", b"new", answers.append)
+def test_a_queued_plan_is_not_replaced_by_the_previous_one(tmp_path):
+    """Its acknowledgement would be for the other plan."""
+    store, results = Store(tmp_path), []
+    wake, store._wake = store._wake, SimpleQueue()  # delays the writer
+    store.try_save("a", b"new", results.append)
     store.save_if_idle("a", b"old")
     store._wake = wake
     wake.put(False)
-    while not answers:
-        assert select.select([store.fileno()], [], [], 10.0)[0]
-        store.service()
+    wait_for(store, lambda: results)
     store.close()
-    assert (answers, stored_content(tmp_path, "a")) == ([True], b"new")
+    assert (results, read_content(tmp_path, "a")) == ([True], b"new")

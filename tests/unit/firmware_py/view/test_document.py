@@ -46,15 +46,15 @@ def test_pages_support_phones_and_both_color_schemes():
 
 
 def schemes():
-    """The colours by name, light and dark."""
+    """Return the colours by name, of the light and the dark scheme."""
     blocks = re.findall(r":root \{(.*?)\}", asset("view.css"), re.DOTALL)
     return [dict(re.findall(r"--(\w+): (#[0-9a-f]{6})\b", block)) for block in blocks]
 
 
 def luminance(colour):
-    """Of WCAG 2, relative luminance."""
-    parts = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
-    red, green, blue = (one / 12.92 if one <= 0.03928 else ((one + 0.055) / 1.055) ** 2.4 for one in parts)
+    """Return the relative luminance of WCAG 2."""
+    parts = [int(colour[index : index + 2], 16) / 255.0 for index in (1, 3, 5)]
+    red, green, blue = (part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
@@ -67,10 +67,10 @@ def test_text_contrast_meets_wcag_aa(scheme, text, ground):
 
 
 def test_non_finite_values_are_null():
-    made = voyage({"time_s": [0.0, 1.0], "heading_deg": [math.nan, 1.23456]}, [(math.nan, 1, "x"), (1.0, 2, "y")])
-    assert made["columns"] == {"time_s": [0.0, 1.0], "heading_deg": [None, 1.235]}
-    assert made["marks"] == [[1.0, 2, "y"]]
-    json.dumps(made, allow_nan=False)
+    data = voyage({"time_s": [0.0, 1.0], "heading_deg": [math.nan, 1.23456]}, [(math.nan, 1, "x"), (1.0, 2, "y")])
+    assert data["columns"] == {"time_s": [0.0, 1.0], "heading_deg": [None, 1.235]}
+    assert data["marks"] == [[1.0, 2, "y"]]
+    json.dumps(data, allow_nan=False)
 
 
 def test_plan_rows_are_in_degrees():

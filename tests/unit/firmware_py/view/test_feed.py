@@ -1,11 +1,11 @@
-"""From the status of the autopilot to the rows of the live page."""
+"""Rows and marks of the live page from the status of the autopilot."""
 
 import json
 
 import pytest
 
-from firmware_py.system.status_file import FoundStatus, Freshness
-from firmware_py.view.feed import FROM_STATUS, Feed
+from firmware_py.system.status_file import Freshness, StatusReading
+from firmware_py.view.feed import STATUS_COLUMNS, Feed
 from firmware_py.view.history import COLUMNS, History
 
 STATUS = {
@@ -19,20 +19,20 @@ STATUS = {
 
 class Rig:
     def __init__(self):
-        self.found = FoundStatus(Freshness.RUNNING, dict(STATUS), 0.1)
+        self.reading = StatusReading(Freshness.RUNNING, dict(STATUS), 0.1)
         self.plans_read = 0
         self.history = History()
-        self.feed = Feed(self.history, lambda: self.found, self._plans, {"POSITION_LOST": "look at the antenna"})
+        self.feed = Feed(self.history, lambda: self.reading, self._plans, {"POSITION_LOST": "look at the antenna"})
 
     def _plans(self):
         self.plans_read += 1
         return {"mission": [[16]]}
 
-    def later(self, seconds=1.0, **changes):
-        content = dict(self.found.content)
+    def advance(self, seconds=1.0, **changes):
+        content = dict(self.reading.content)
         for name in ("written_machine_s", "utc_s", "uptime_s"):
             content[name] += seconds
-        self.found = FoundStatus(Freshness.RUNNING, content | changes, 0.1)
+        self.reading = StatusReading(Freshness.RUNNING, content | changes, 0.1)
 
     def poll(self):
         update = self.feed.poll()
@@ -49,37 +49,33 @@ def rig():
 
 def test_status_becomes_a_row(rig):
     values = rig.values()
-    assert (values["time_s"], values["compass_deg"], values["heading_deg"], values["goal_deg"]) == (
-        0.0,
-        12.0,
-        11.0,
-        15.0,
-    )
-    assert (values["error_deg"], values["rudder_deg"], values["faults"]) == (-3.0, -4.0, 1.0)
-    assert rig.poll() is None, "the same status again"
-    rig.later(2.0)
+    expected = {"time_s": 0.0, "compass_deg": 12.0, "heading_deg": 11.0, "goal_deg": 15.0, "error_deg": -3.0}
+    expected |= {"rudder_deg": -4.0, "faults": 1.0}
+    assert {name: values[name] for name in expected} == expected
+    assert rig.poll() is None  # the status is unchanged
+    rig.advance(2.0)
     assert rig.values()["time_s"] == 2.0
 
 
 def test_every_column_has_a_source():
-    assert set(FROM_STATUS) | {"time_s", "true_heading_deg", "faults"} == set(COLUMNS)
+    assert set(STATUS_COLUMNS) | {"time_s", "true_heading_deg", "faults"} == set(COLUMNS)
 
 
 def test_event_is_a_mark_at_its_time_once(rig):
     assert rig.poll()["marks"] == [[-2.0, 4, "GPS position lost"]]
-    rig.later(1.0)
+    rig.advance(1.0)
     assert rig.poll()["marks"] == []
-    rig.later(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "GPS position recovered"}])
+    rig.advance(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "GPS position recovered"}])
     assert rig.poll()["marks"] == [[1.5, 6, "GPS position recovered"]]
 
 
 def test_timed_out_values_are_empty(rig):
-    place, rudder = {"lat_deg": 36.0, "sog_m_s": 0.5}, {"angle_deg": 4.0}
+    position, rudder = {"lat_deg": 36.0, "sog_m_s": 0.5}, {"angle_deg": 4.0}
     names = ("lat_deg", "ground_m_s", "compass_deg", "heading_deg", "error_deg", "rudder_deg")
-    rig.later(position={"ok": True, **place}, heading_ok=True, rudder={"ok": True, **rudder})
+    rig.advance(position={"ok": True, **position}, heading_ok=True, rudder={"ok": True, **rudder})
     values = rig.values()
     assert None not in [values[name] for name in names]
-    rig.later(position={"ok": False, **place}, heading_ok=False, rudder={"ok": False, **rudder})
+    rig.advance(position={"ok": False, **position}, heading_ok=False, rudder={"ok": False, **rudder})
     values = rig.values()
     assert [values[name] for name in names] == [None] * len(names)
     assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
@@ -90,7 +86,7 @@ def test_fault_has_its_remedy(rig):
 
 
 def test_events_before_a_run_are_at_its_start(rig):
-    rig.feed.take_line(b'{"time_s": 0.5}')
+    rig.feed.add_line(b'{"time_s": 0.5}')
     assert rig.poll()["marks"] == [[0.0, 4, "GPS position lost"]]
 
 
@@ -98,34 +94,34 @@ def test_plans_are_read_after_a_change(rig):
     now = rig.poll()["now"]
     assert now["plans"] == {"mission": [[16]], "home": [36.0, 121.0]}
     assert now["target"] == [36.1, 121.1, 40.0]
-    rig.later()
+    rig.advance()
     assert "plans" not in rig.poll()["now"]
-    rig.later(plan_identities=[2, 0, 0])
+    rig.advance(plan_identities=[2, 0, 0])
     assert "plans" in rig.poll()["now"]
     assert rig.plans_read == 2
 
 
 def test_stale_status_adds_no_row(rig):
     rig.poll()
-    rig.found = FoundStatus(Freshness.STALE, rig.found.content, 9.0, "process 7 is gone")
+    rig.reading = StatusReading(Freshness.STALE, rig.reading.content, 9.0, "process 7 has ended")
     update = rig.poll()
-    assert (update["now"]["freshness"], update["now"]["reason"], update["rows"]) == ("stale", "process 7 is gone", [])
-    rig.found = FoundStatus(Freshness.ABSENT, reason="it is not running")
+    assert (update["now"]["freshness"], update["now"]["reason"], update["rows"]) == ("stale", "process 7 has ended", [])
+    rig.reading = StatusReading(Freshness.ABSENT, reason="it is not running")
     assert rig.poll()["now"]["freshness"] == "absent"
 
 
 def test_restarted_computer_begins_another_voyage(rig):
-    rig.later(50.0)
+    rig.advance(50.0)
     rig.poll()
-    rig.later(-140.0)
+    rig.advance(-140.0)
     assert rig.values()["time_s"] == 0.0
-    assert len(json.loads(rig.history.whole())["rows"]) == 1
+    assert len(json.loads(rig.history.all_data())["rows"]) == 1
 
 
 def test_harness_lines_add_true_values(rig):
-    rig.feed.take_line(b'{"title": "tank"}')
-    assert rig.poll() is None, "it has not begun"
-    rig.feed.take_line(b'{"time_s": 50.5, "true_heading_deg": 371.2}\n')
+    rig.feed.add_line(b'{"title": "tank"}')
+    assert rig.poll() is None  # the simulation has not started
+    rig.feed.add_line(b'{"time_s": 50.5, "true_heading_deg": 371.2}\n')
     values = rig.values()
     assert (values["time_s"], values["true_heading_deg"], values["compass_deg"]) == (50.5, 371.2, 12.0)
     assert rig.history.now["title"] == "tank"
@@ -134,7 +130,7 @@ def test_harness_lines_add_true_values(rig):
 
 @pytest.mark.parametrize("line", [b"", b"\xff", b"[1]", b"{", b"[" * 9000, b'{"time_s": ' + b"1" * 20_000 + b"}"])
 def test_invalid_harness_line_is_ignored(rig, line):
-    rig.feed.take_line(line)
+    rig.feed.add_line(line)
     assert rig.values()["time_s"] == 0.0
 
 
@@ -142,5 +138,5 @@ def test_invalid_harness_line_is_ignored(rig, line):
     "changes", [{"events": 3}, {"faults": None}, {"rudder": [1]}, {"utc_s": "x"}, {"home": {"x": 1}}]
 )
 def test_status_of_another_version_is_reported(rig, changes):
-    rig.later(**changes)
+    rig.advance(**changes)
     assert rig.poll()["now"]["freshness"] in ("stale", "running")

@@ -1,4 +1,4 @@
-"""The history of the live page is bounded."""
+"""The history of the live page has a limited size."""
 
 import json
 import math
@@ -6,8 +6,8 @@ import math
 from firmware_py.view.history import COLUMNS, MAX_MARKS, MAX_ROWS, History
 
 
-def whole(history):
-    return json.loads(history.whole())
+def read_all(history):
+    return json.loads(history.all_data())
 
 
 def test_history_returns_updates_and_all_data():
@@ -18,22 +18,22 @@ def test_history_returns_updates_and_all_data():
     assert update["rows"] == [update["values"]]
     assert dict(zip(COLUMNS, update["values"], strict=True))["heading_deg"] == 10.0
     assert update["marks"] == [[0.5, 4, "GPS position lost"]]
-    assert whole(history)["rows"] == update["rows"]
-    assert whole(history)["now"] == {"title": "boat"}
+    assert read_all(history)["rows"] == update["rows"]
+    assert read_all(history)["now"] == {"title": "boat"}
 
 
-def test_number_of_rows_is_bounded_over_the_whole_voyage():
+def test_number_of_rows_is_limited_over_the_whole_voyage():
     history = History()
     for number in range(20_000):
         history.add({"time_s": float(number)}, [(float(number), 6, "x")], {})
-    found = whole(history)
-    times = [row[0] for row in found["rows"]]
+    data = read_all(history)
+    times = [row[0] for row in data["rows"]]
     assert MAX_ROWS / 2 <= len(times) <= MAX_ROWS
     assert times[0] == 0.0
     assert times[-1] > 19_980.0
     assert times == sorted(times)
-    assert len(found["marks"]) == MAX_MARKS
-    assert history.epoch > 0, "readers with dropped rows reload all rows"
+    assert len(data["marks"]) == MAX_MARKS
+    assert history.epoch > 0  # readers must reload all rows
 
 
 def test_invalid_numbers_are_null():
@@ -53,5 +53,5 @@ def test_restart_clears_rows_and_marks():
     history = History()
     history.add({"time_s": 1.0}, [(0.5, 4, "x")], {})
     history.restart()
-    assert whole(history)["rows"] == whole(history)["marks"] == []
+    assert read_all(history)["rows"] == read_all(history)["marks"] == []
     assert history.epoch == 1

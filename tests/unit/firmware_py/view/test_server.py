@@ -12,37 +12,37 @@ from firmware_py.view.guard import Guard, ViewError
 from firmware_py.view.history import History
 from firmware_py.view.server import MAX_BACKLOG, MAX_CONNECTIONS, Hub, ViewServer
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 
 
 class Site:
     def __init__(self, guard=None):
         self.history = History()
-        self.hub = Hub(self.history.whole)
-        self.server = ViewServer(("127.0.0.1", 0), guard or Guard("", loopback=True), self.hub)
+        self.hub = Hub(self.history.all_data)
+        self.server = ViewServer(("127.0.0.1", 0), guard or Guard("", is_loopback=True), self.hub)
         self.port = self.server.server_address[1]
         self._thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
         self._thread.start()
         self.time_s = 0.0
 
-    def ask(self, method="GET", target="/", **headers):
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+    def request(self, method="GET", target="/", **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=TIMEOUT_S)
         connection.request(method, target, headers={name.replace("_", "-"): value for name, value in headers.items()})
         return connection.getresponse()
 
     def read(self):
-        """An answer whose body comes piece by piece."""
-        return Reader(self.ask(target="/events"))
+        """Open a stream of updates."""
+        return Reader(self.request(target="/events"))
 
     def publish(self, **row):
         self.time_s += 1.0
         self.hub.publish(lambda: (self.history.add({"time_s": self.time_s, **row}, [], {}), self.history.epoch))
 
     def close(self):
-        self.hub.close(over=True)
+        self.hub.close(is_over=True)
         self.server.shutdown()
         self.server.server_close()
-        self._thread.join(PATIENCE_S)
+        self._thread.join(TIMEOUT_S)
 
 
 class Reader:
@@ -55,20 +55,20 @@ class Reader:
             name, _, rest = line.partition(": ")
             kind = rest if name == "event" else kind
             data = json.loads(rest) if name == "data" else None
-        return (kind, data) if kind else self.next()  # a sign of life says nothing
+        return (kind, data) if kind else self.next()  # a keep-alive comment
 
 
 @pytest.fixture
 def site():
-    made = Site()
-    yield made
-    made.close()
+    site = Site()
+    yield site
+    site.close()
 
 
 @pytest.mark.parametrize("write", [str, str.lower, str.upper])
 def test_header_names_are_case_insensitive(site, write):
     def status(*headers):
-        with socket.create_connection(("127.0.0.1", site.port), PATIENCE_S) as asking:
+        with socket.create_connection(("127.0.0.1", site.port), TIMEOUT_S) as asking:
             lines = [f"{write(name)}: {value}" for name, value in headers]
             asking.sendall("\r\n".join(["GET / HTTP/1.1", *lines, "", ""]).encode())
             return int(asking.makefile("rb").readline().split()[1])
@@ -81,32 +81,34 @@ def test_header_names_are_case_insensitive(site, write):
 
 
 def test_page_has_security_headers(site):
-    answer = site.ask()
-    assert answer.status == 200
-    assert answer.headers["Content-Security-Policy"].startswith("default-src 'none'")
-    assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
-    assert answer.headers["X-Content-Type-Options"] == "nosniff"
-    assert answer.headers["Cache-Control"] == "no-store"
-    assert answer.headers["Server"] == "rambler"
-    assert b'id="live"' in answer.read()
+    response = site.request()
+    assert response.status == 200
+    assert response.headers["Content-Security-Policy"].startswith("default-src 'none'")
+    assert "frame-ancestors 'none'" in response.headers["Content-Security-Policy"]
+    assert response.headers["X-Content-Type-Options"] == "nosniff"
+    assert response.headers["Cache-Control"] == "no-store"
+    assert response.headers["Server"] == "rambler"
+    assert b'id="live"' in response.read()
 
 
 def test_other_paths_are_not_found(site):
-    assert [site.ask(target=target).status for target in ("/etc/passwd", "/../", "/events/", "/status")] == [404] * 4
-    assert site.ask("POST").status == 405
-    assert site.ask(Host="evil.example").status == 421
-    assert site.ask("HEAD").read() == b""
+    assert [site.request(target=target).status for target in ("/etc/passwd", "/../", "/events/", "/status")] == [
+        404
+    ] * 4
+    assert site.request("POST").status == 405
+    assert site.request(Host="evil.example").status == 421
+    assert site.request("HEAD").read() == b""
 
 
 def test_token_becomes_an_http_only_cookie():
-    site = Site(Guard("0123456789abcdef", loopback=False))
+    site = Site(Guard("0123456789abcdef", is_loopback=False))
     try:
-        assert site.ask().status == 403
-        answer = site.ask(target="/?token=0123456789abcdef")
-        assert (answer.status, answer.headers["Location"]) == (303, "/")
-        assert "HttpOnly" in answer.headers["Set-Cookie"]
-        cookie = answer.headers["Set-Cookie"].partition(";")[0]
-        assert site.ask(Cookie=cookie).status == 200
+        assert site.request().status == 403
+        response = site.request(target="/?token=0123456789abcdef")
+        assert (response.status, response.headers["Location"]) == (303, "/")
+        assert "HttpOnly" in response.headers["Set-Cookie"]
+        cookie = response.headers["Set-Cookie"].partition(";")[0]
+        assert site.request(Cookie=cookie).status == 200
     finally:
         site.close()
 
@@ -114,13 +116,13 @@ def test_token_becomes_an_http_only_cookie():
 def test_reader_receives_all_data_then_updates(site):
     site.publish(heading_deg=10.0)
     reader = site.read()
-    kind, whole = reader.next()
-    assert (kind, len(whole["rows"])) == ("whole", 1)
+    kind, data = reader.next()
+    assert (kind, len(data["rows"])) == ("whole", 1)
     site.publish(heading_deg=11.0)
     kind, new = reader.next()
     assert kind == "new"
-    assert new["rows"][0][whole["names"].index("heading_deg")] == 11.0
-    site.hub.close(over=True)
+    assert new["rows"][0][data["names"].index("heading_deg")] == 11.0
+    site.hub.close(is_over=True)
     assert reader.next()[0] == "end"
 
 
@@ -128,60 +130,60 @@ def test_stopped_server_sends_no_end_event(site):
     site.publish(heading_deg=10.0)
     reader = site.read()
     assert reader.next()[0] == "whole"
-    site.hub.close(over=False)
+    site.hub.close(is_over=False)
     assert b"event:" not in reader.response.read()
 
 
 def test_reader_far_behind_receives_all_data_again():
     history = History()
-    hub = Hub(history.whole)
-    here, _ = hub.next(None)
+    hub = Hub(history.all_data)
+    position, _ = hub.next(None)
     for number in range(MAX_BACKLOG + 5):
         hub.publish(lambda number=number: (history.add({"time_s": float(number)}, [], {}), 0))
-    here, news = hub.next(here)
-    assert [kind for kind, _ in news] == ["whole"]
+    position, updates = hub.next(position)
+    assert [kind for kind, _ in updates] == ["whole"]
     hub.publish(lambda: (history.add({"time_s": 1e3}, [], {}), 0))
-    assert [kind for kind, _ in hub.next(here)[1]] == ["new"]
+    assert [kind for kind, _ in hub.next(position)[1]] == ["new"]
     hub.publish(lambda: (history.add({"time_s": 2e3}, [], {}), 1))
-    assert [kind for kind, _ in hub.next(here)[1]] == ["whole"], "of another epoch"
+    assert [kind for kind, _ in hub.next(position)[1]] == ["whole"]  # of another epoch
 
 
 def test_stuck_readers_delay_no_other_reader(site):
     site.publish()
-    sleepers = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(9)]
-    for one in sleepers:
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        one.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    slow_readers = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(9)]
+    for connection in slow_readers:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
     reader = site.read()
     assert reader.next()[0] == "whole"
-    for number in range(300):  # more than any socket holds for who does not read
+    for number in range(300):  # more than the buffers of a socket
         site.publish(heading_deg=float(number))
-    seen = 0
-    while seen < 299.0:
+    newest = 0
+    while newest < 299.0:
         kind, content = reader.next()
         rows = content["rows"]
-        seen = rows[-1][content["names"].index("heading_deg")] if kind == "whole" else content["values"][5]
-    for one in sleepers:
-        one.close()
+        newest = rows[-1][content["names"].index("heading_deg")] if kind == "whole" else content["values"][5]
+    for connection in slow_readers:
+        connection.close()
 
 
-def test_connection_limit_is_enforced_and_released(site, monkeypatch):
+def test_connectionlimit_is_enforced_and_released(site, monkeypatch):
     monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
-    idle = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MAX_CONNECTIONS + 5)]
-    for one in idle:  # who asks for nothing, and who is too many, is let go
-        one.settimeout(PATIENCE_S)
+    connections = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MAX_CONNECTIONS + 5)]
+    for connection in connections:  # idle connections and those above the limit are closed
+        connection.settimeout(TIMEOUT_S)
         try:
-            assert one.recv(1) == b""
+            assert connection.recv(1) == b""
         except ConnectionResetError:
             pass
-        one.close()
-    assert site.ask().status == 200
+        connection.close()
+    assert site.request().status == 200
 
 
 def test_slow_request_is_closed(site, monkeypatch):
     monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
-        connection.settimeout(PATIENCE_S)
+        connection.settimeout(TIMEOUT_S)
         connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: ")
         assert connection.recv(1 << 16) == b""
 
@@ -198,16 +200,16 @@ NO_REQUESTS = (
 @pytest.mark.parametrize("data", NO_REQUESTS)
 def test_invalid_request_is_refused(site, data):
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
-        connection.settimeout(PATIENCE_S)
+        connection.settimeout(TIMEOUT_S)
         try:
             connection.sendall(data + b"\r\n\r\n")
-            answer = connection.recv(1 << 16)
+            response = connection.recv(1 << 16)
         except (ConnectionResetError, BrokenPipeError):
-            answer = b""
-    assert b"200" not in answer.partition(b"\r\n")[0]
-    assert site.ask().status == 200
+            response = b""
+    assert b"200" not in response.partition(b"\r\n")[0]
+    assert site.request().status == 200
 
 
 def test_address_in_use_is_an_error_with_remedy(site):
     with pytest.raises(ViewError, match="use another --listen"):
-        ViewServer(("127.0.0.1", site.port), Guard("", loopback=True), site.hub)
+        ViewServer(("127.0.0.1", site.port), Guard("", is_loopback=True), site.hub)

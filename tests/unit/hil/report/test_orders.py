@@ -14,7 +14,7 @@ FIX = {"lat": 0.5, "lng": 2.0}
 
 
 def request(intent):
-    return schema.request_text(Request(1.0, intent, 255, 190))
+    return schema.encode_request(Request(1.0, intent, 255, 190))
 
 
 def test_plan_of_a_request_replaces_that_of_the_state():

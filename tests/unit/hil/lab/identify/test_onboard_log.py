@@ -43,7 +43,7 @@ def read_log(tmp_path):
         messages_of_tick = [schema.TICK.pack(0.0, tick), schema.CHECKPOINT.pack_text(0.0, tick, state), *messages]
         batch = b"".join([*messages_of_tick, schema.CONTROL.pack(0.0, DECISION)])
         path = tmp_path / "x.BIN"
-        path.write_bytes(header(schema.TYPES, 0) + schema.end_bytes(batch, 0.0, 0))
+        path.write_bytes(header(schema.TYPES, 0) + schema.append_end(batch, 0.0, 0))
         return read(path)
 
     return write_and_read
