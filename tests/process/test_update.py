@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.install.bundle import unpack
-from firmware_py.install.environment import Environment
+from firmware_py.install.environment import Environment, create
 from support.paths import ROOT
 from support.small_bundle import bundle_maker, small_bundle
 
