@@ -51,7 +51,7 @@ def simulate(directory, monkeypatch, days, sailing_s, causes, ends):
 
 
 def rows_of(boat):
-    return list(daily_energy.rows(daily_energy.list_thin_logs(boat.directory / LOG_DIRECTORY)))
+    return list(daily_energy.read_rows(daily_energy.list_thin_logs(boat.directory / LOG_DIRECTORY)))
 
 
 def gaps(boat, rows):
@@ -97,7 +97,7 @@ def active_faults(rows):
 
 def measured_wh(rows):
     """Return the energies that `rambler energy` shows, by name."""
-    days = [day.amounts(None) for day in daily_energy.days(rows)]
+    days = [day.amounts(None) for day in daily_energy.sum_by_day(rows)]
     return {name: sum(day[name].wh for day in days) for name in ("solar", "load", "servo", "charged", "discharged")}
 
 
