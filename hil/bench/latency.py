@@ -73,7 +73,7 @@ def match_latencies(
     The two clocks differ by a constant, which is estimated from the fastest arrival of a sentence. The load of the
     machine changes this estimate, so the frame of a tick is searched from a quarter of a period before the tick.
     """
-    matched = [matched for inputs in log if (matched := _match_sentence(inputs, sentences_s)) is not None]
+    matched = [pair for inputs in log if (pair := _match_sentence(inputs, sentences_s)) is not None]
     if not matched:
         return []
     offset_s = max(sentence_s - inputs.headings[-1].t_s for inputs, sentence_s in matched)

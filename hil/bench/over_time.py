@@ -74,12 +74,12 @@ def _median(column: Sequence[Figure]) -> Figure:
 
 def baseline_of(entries: Mapping[str, Mapping[str, Any]]) -> Baseline:
     """Return the repeats of the entries of a figure file that have enough repeats."""
-    selected = {}
+    baseline = {}
     for key, entry in entries.items():
         repeats = entry.get("repeats") if isinstance(entry, Mapping) else None
         if isinstance(repeats, list) and len(repeats) >= MIN_REPEATS and all(map(_is_valid, repeats)):
-            selected[key] = tuple(float(value) for value in repeats)
-    return selected
+            baseline[key] = tuple(float(value) for value in repeats)
+    return baseline
 
 
 def measurements_in(baseline: Baseline, names: Iterable[str]) -> list[str]:

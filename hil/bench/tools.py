@@ -59,27 +59,27 @@ def loop_figures(per_tick_ns: list[float]) -> tuple[Figure, ...]:
 def hour(setting: Setting) -> Finding:
     """Measure identifications of logs of an hour with different noise; one before them compiles the code."""
     identify([hour_of_zigzag(0)])
-    wall_s, cpu_s_values, evaluations = [], [], []
+    wall_times_s, cpu_times_s, evaluations = [], [], []
     for seed in range(1, setting.pairs + 1):
         log = hour_of_zigzag(seed)
         start_s, cpu_s = time.perf_counter(), time.process_time()
         evaluations.append(identify([log]).fit.evaluations)
-        cpu_s_values.append(time.process_time() - cpu_s)
-        wall_s.append(time.perf_counter() - start_s)
+        cpu_times_s.append(time.process_time() - cpu_s)
+        wall_times_s.append(time.perf_counter() - start_s)
     rows = round(HOUR_S / STEP_S)
     notes = (
         f"{rows} rows at {1.0 / STEP_S:g} Hz, tank noise, zigzag; fit, errors and verdicts",
-        f"{len(wall_s)} runs of {min(wall_s):.2f} to {max(wall_s):.2f} s with different noise",
+        f"{len(wall_times_s)} runs of {min(wall_times_s):.2f} to {max(wall_times_s):.2f} s with different noise",
         f"about {statistics.median(evaluations):.0f} runs of the filter each",
     )
-    return Finding("Identification of an hour", hour_figures(wall_s, cpu_s_values), notes)
+    return Finding("Identification of an hour", hour_figures(wall_times_s, cpu_times_s), notes)
 
 
-def hour_figures(wall_s: list[float], cpu_s_values: list[float]) -> tuple[Figure, ...]:
+def hour_figures(wall_times_s: list[float], cpu_times_s: list[float]) -> tuple[Figure, ...]:
     """Return the medians of wall-clock and processor time as figures."""
     return (
-        Figure("from the log to the judged model", "s", statistics.median(wall_s), maximum=MAX_IDENTIFICATION_S),
-        Figure("processor time of that", "s", statistics.median(cpu_s_values)),
+        Figure("from the log to the judged model", "s", statistics.median(wall_times_s), maximum=MAX_IDENTIFICATION_S),
+        Figure("processor time of that", "s", statistics.median(cpu_times_s)),
     )
 
 

@@ -57,9 +57,9 @@ def measure(setting: Setting) -> Finding:
 
 
 def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free_socket:
-        free_socket.bind(("127.0.0.1", 0))
-        return int(free_socket.getsockname()[1])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _list_parameters(station: Requester) -> tuple[int, float]:
@@ -128,9 +128,9 @@ def _download(station: Requester) -> float:
 
         if station.request(request, matches) is None:
             return math.nan
-    durations_s = time.monotonic() - start_s
+    duration_s = time.monotonic() - start_s
     station.send(station.pack(dialect.MAVLink_mission_ack_message(1, 1, 0, 0)))
-    return durations_s
+    return duration_s
 
 
 class Message(NamedTuple):

@@ -79,12 +79,12 @@ def run(arguments: argparse.Namespace) -> int:
             findings = _measure(names, setting, arguments.repeat)
             print(table(tuple(findings.values())), flush=True)
             other_machines = {
-                name_of_machine
+                baseline_machine
                 for key in baseline
-                if not same_machine(name_of_machine := str(entries[key].get("machine")), machine)
+                if not same_machine(baseline_machine := str(entries[key].get("machine")), machine)
             }
             same_counts = all(same_python(str(entries[key].get("machine")), machine) for key in baseline)
-            worse_names = _compare_with_baseline(
+            is_worse = _compare_with_baseline(
                 baseline, findings, setting, sorted(other_machines), same_counts=same_counts
             )
     finally:
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
         options = " --quick" if arguments.quick else ""
         options += f" --repeat {arguments.repeat}" if arguments.repeat > 1 else ""
         merge(arguments.figures, as_entries(findings, origin("rambler-hil bench" + options, text_of(machine))))
-    return 1 if worse_names else 0
+    return 1 if is_worse else 0
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -110,15 +110,15 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _measure(names: Sequence[str], setting: Setting, repeats: int) -> dict[str, Finding]:
     """Make all measurements in rounds, so that a temporary load affects only one repeat of a figure."""
-    machine: dict[str, list[Finding]] = {name: [] for name in names}
+    findings: dict[str, list[Finding]] = {name: [] for name in names}
     report, total = progress.task_progress(sys.stderr, time.monotonic), repeats * len(names)
     for round_number in range(repeats):
         for number, name in enumerate(names, start=round_number * len(names)):
             report(f"{number + 1} of {total}: {TABLE[name].text} ...", number / total)
             with tempfile.TemporaryDirectory(dir=setting.directory) as directory:
-                machine[name].append(TABLE[name].measure(setting.with_directory(Path(directory))))
+                findings[name].append(TABLE[name].measure(setting.with_directory(Path(directory))))
     report("", 1.0)
-    return {name: over_time.median(comparison) for name, comparison in machine.items()}
+    return {name: over_time.median(repeats_of_name) for name, repeats_of_name in findings.items()}
 
 
 def _compare_with_baseline(
@@ -142,8 +142,8 @@ def _compare_with_baseline(
     if other_machines:
         except_counts = " except counts" if same_counts else ""
         print(f"  no verdict{except_counts}: baseline of another machine ({'; '.join(other_machines)})", flush=True)
-        verdicts = [comparison for comparison in verdicts if comparison.is_count and same_counts]
-    worse_names = {(comparison.measurement, comparison.name) for comparison in verdicts if comparison.is_worse}
+        verdicts = [verdict for verdict in verdicts if verdict.is_count and same_counts]
+    worse_names = {(verdict.measurement, verdict.name) for verdict in verdicts if verdict.is_worse}
     for _ in range(over_time.WORSE_IN_A_ROW - 1):
         if not worse_names:
             break
@@ -153,5 +153,5 @@ def _compare_with_baseline(
         for verdict in repeated:
             if (verdict.measurement, verdict.name) in worse_names:
                 print(verdict.text, flush=True)
-        worse_names &= {(comparison.measurement, comparison.name) for comparison in repeated if comparison.is_worse}
+        worse_names &= {(verdict.measurement, verdict.name) for verdict in repeated if verdict.is_worse}
     return bool(worse_names)

@@ -45,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command of the first word; any other word is a specification."""
-    first_word, *arguments_after = arguments.words
+    first_word, *other_words = arguments.words
     action, names = ACTIONS.get(first_word, (_run_campaign, ()))
-    words = arguments_after if first_word in ACTIONS else arguments.words
+    words = other_words if first_word in ACTIONS else arguments.words
     if first_word not in ACTIONS:
         names = ("SPEC",)
     if len(words) != len(names):
@@ -122,15 +122,15 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     from hil.lab.campaign import compare  # noqa: PLC0415 - only needed here
 
     check_free(arguments.out, (CAMPAIGN, run_file.NAME))
-    first_word, second = (store.read_results(Path(word)) for word in words)
-    result = compare.compare(first_word, second)
+    first, second = (store.read_results(Path(word)) for word in words)
+    result = compare.compare(first, second)
     with locked_directory(arguments.out):
         store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(result), indent=2) + "\n").encode())
-        store.write_file(arguments.out / store.PAGE, compare.page_text(first_word, second, result).encode())
+        store.write_file(arguments.out / store.PAGE, compare.page_text(first, second, result).encode())
     rows = compare.table_rows(result)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    print(compare.summary(first_word, second, result))
-    for line in compare.changed_versions(first_word, second):
+    print(compare.summary(first, second, result))
+    for line in compare.changed_versions(first, second):
         print(line)
     for name, *cells in rows:
         print("  ".join((name.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip())

@@ -127,8 +127,8 @@ class VolzEmulator:
             return
         self.energy_j += 0.0 if self._energy_s is None else self._power_w * (now_s - self._energy_s)
         self._energy_s, self._power_w = now_s, self._motor_current_a() * self.voltage_v
-        reply_code, measure = self._commands[command]
-        frame = bytes([reply_code, device_id]) + measure(int.from_bytes(body[2:], "big")).to_bytes(2, "big")
+        reply_code, run_command = self._commands[command]
+        frame = bytes([reply_code, device_id]) + run_command(int.from_bytes(body[2:], "big")).to_bytes(2, "big")
         self.transmitter.send(now_s + _REPLY_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
 
     def _set_position(self, argument: int) -> int:

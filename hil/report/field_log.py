@@ -89,7 +89,7 @@ class FieldLog:
 def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
     """Read logs in their order, with a row for one of `every` ticks.
 
-    Raises UsageError for a log that cannot be read, and if no log holds a tick.
+    Raises UsageError for a log that cannot be read and if no log contains a tick.
     """
     contents = LogContents(every=every)
     for path in paths:
@@ -109,18 +109,18 @@ def _assemble(contents: LogContents) -> FieldLog:
     columns = {name: np.asarray(column) for name, column in contents.columns.items()}
     time_s = columns["time_s"]
     start_rows = (int(np.searchsorted(time_s, segment.begin_s)) for segment in contents.segments if segment.is_apart)
-    cuts = tuple(row for row in start_rows if 0 < row < time_s.size)
+    cuts = tuple(start_row for start_row in start_rows if 0 < start_row < time_s.size)
     heading = _fill_gaps(columns["heading"])
     hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _fill_gaps(columns["hull"])))
     error = np.array([wrap_pi(value) if math.isfinite(value) else math.nan for value in columns["error"]])
-    goal = hull + error  # on the heading's turn
+    goal = hull + error  # within half a turn of the unwrapped heading
     rudder = np.where(np.isnan(columns["rudder"]), columns["command"], columns["rudder"])
     north_m, east_m, speed_m_s = _track(contents.fixes, time_s)
     truth = Truth(
         time_s, hull, _shifted_compass(hull, columns["compass"], heading), _fill_gaps(columns["yaw_rate"]),
         _fill_gaps(rudder), _fill_gaps(columns["command"]), goal, north_m, east_m, speed_m_s,
     )  # fmt: skip
-    first = (
+    origin = (
         (math.degrees(contents.fixes["lat"][0]), math.degrees(contents.fixes["lng"][0]))
         if contents.fixes["t"]
         else None
@@ -139,7 +139,7 @@ def _assemble(contents: LogContents) -> FieldLog:
         start_s=contents.start_s,
         ticks=contents.ticks,
         skipped=contents.skipped,
-        late_us={name: float(np.percentile(late_us, rows)) for name, rows in percentiles.items()}
+        late_us={name: float(np.percentile(late_us, percent)) for name, percent in percentiles.items()}
         if late_us.size
         else {},
         steering_wh=contents.steering_j / 3600.0,
@@ -148,8 +148,8 @@ def _assemble(contents: LogContents) -> FieldLog:
         cuts=cuts,
         columns=_extra_columns(columns),
         plans=contents.orders.plans,
-        home=contents.orders.home or first,
-        origin=first,
+        home=contents.orders.home or origin,
+        origin=origin,
         first_item=first_item_number(
             int(contents.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION
         ),
@@ -188,12 +188,12 @@ def _fill_gaps(values: Array) -> Array:
     finite_rows = np.flatnonzero(np.isfinite(values))
     if not finite_rows.size:
         return np.zeros_like(values)
-    row = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
-    return np.asarray(np.where(row < 0, values[finite_rows[0]], values[finite_rows[np.maximum(row, 0)]]))
+    latest = np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1
+    return np.asarray(np.where(latest < 0, values[finite_rows[0]], values[finite_rows[np.maximum(latest, 0)]]))
 
 
 def _shifted_compass(hull_rad: Array, compass_rad: Array, heading_rad: Array) -> Array:
-    """Return the compass heading near the hull's heading, with the mean difference removed."""
+    """Return the compass heading without its mean difference from the heading of the hull."""
     compass_rad = _fill_gaps(np.where(np.isfinite(compass_rad), compass_rad, heading_rad))
     difference_rad = _wrap(compass_rad - hull_rad)
     mean_rad = math.atan2(float(np.mean(np.sin(difference_rad))), float(np.mean(np.cos(difference_rad))))
@@ -220,13 +220,12 @@ def _track(fixes: Mapping[str, array[float]], time_s: Array) -> tuple[Array, Arr
 
 
 def _lasting_goals(time_s: Array, wrapped_goal_rad: Array, goal_rad: Array, cuts: Sequence[int]) -> Array:
-    """Return the goal for each period in which it lasted HOLD_S, NaN elsewhere."""
+    """Return the goal in each period in which it lasts MIN_GOAL_S, NaN elsewhere."""
     lasting_rad = np.full_like(goal_rad, np.nan)
     if not time_s.size:
         return lasting_rad
-    changes = (
-        np.flatnonzero((wrapped_goal_rad[1:] != wrapped_goal_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
-    )
+    is_changed = (wrapped_goal_rad[1:] != wrapped_goal_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)
+    changes = np.flatnonzero(is_changed) + 1
     for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), time_s.size]):
         if last - first > 1 and time_s[last - 1] - time_s[first] >= MIN_GOAL_S and np.isfinite(goal_rad[first]):
             turns = round((goal_rad[first] - wrapped_goal_rad[first]) / math.tau)  # the heading is unwrapped

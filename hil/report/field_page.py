@@ -42,7 +42,10 @@ def find_logs(paths: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]
             (thin if path.parent.name == THIN else full).append(path)
             continue
         directories = (path / "state" / LOG_DIRECTORY, path / LOG_DIRECTORY, path)
-        logs = next((period for period in directories if _numbered_logs(period) or _numbered_logs(period / THIN)), None)
+        logs = next(
+            (directory for directory in directories if _numbered_logs(directory) or _numbered_logs(directory / THIN)),
+            None,
+        )
         if logs is None:
             raise UsageError(f"{path} holds no logs; name logs, a state directory or that of a run")
         numbered = _numbered_logs(logs)
@@ -93,7 +96,7 @@ def _full_log_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) 
     truth = log.truth
     goals = goal_figures(_pieces(replace(truth, goal_rad=log.lasting_goal_rad)))
     begin = "" if log.segments[0].utc_s is None else f"{_clock(float(truth.time_s[0]), log)} UTC, "
-    apart_s = sum(period.gap_s for period in log.segments if period.gap_s > 0.0)
+    apart_s = sum(segment.gap_s for segment in log.segments if segment.gap_s > 0.0)
     hours = (float(truth.time_s[-1] - truth.time_s[0]) - apart_s) / 3600.0
     yield page.paragraph(f"{begin}{hours:.2f} h logged; {log.software or 'software unknown'}", "lead")
     yield from page.voyage(field_voyage(log))
@@ -155,7 +158,8 @@ def _period_cells(period: field_log.ModePeriod, log: FieldLog) -> tuple[str, ...
 
 def _clock(t_s: float, log: FieldLog) -> str:
     """Return a time of the page as UTC by its log; without a date, the time since the first tick of that log."""
-    segment = next((period for period in reversed(log.segments) if period.begin_s <= t_s), log.segments[0])
+    started = [segment for segment in log.segments if segment.begin_s <= t_s]
+    segment = started[-1] if started else log.segments[0]
     if segment.utc_s is not None:
         return _calendar(segment.utc_s + t_s)
     return f"{segment.name + ' ' if len(log.segments) > 1 else ''}{t_s - segment.begin_s:.1f} s"

@@ -108,8 +108,8 @@ def _read_content(path: Path, file: TextIO) -> dict[str, Any]:
 
 def _merge_entry(old_entry: Mapping[str, Any], new_entry: dict[str, Any]) -> dict[str, Any]:
     if "cases" in new_entry:
-        valid_details = old_entry.get("cases", {}) if old_entry.get("commit") == new_entry["commit"] else {}
-        new_entry["cases"] = dict(sorted({**valid_details, **new_entry["cases"]}.items()))
+        cases = old_entry.get("cases", {}) if old_entry.get("commit") == new_entry["commit"] else {}
+        new_entry["cases"] = dict(sorted({**cases, **new_entry["cases"]}.items()))
         new_entry["value"] = max(new_entry["cases"].values())
     if "repeats" in new_entry and new_entry["unit"] != COUNTED:
         new_entry["repeats"] = [*old_entry.get("repeats", []), *new_entry["repeats"]][-MAX_REPEATS:]

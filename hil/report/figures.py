@@ -94,9 +94,8 @@ def goal_spans(goal_rad: Array) -> list[tuple[int, int]]:
     """Return [first, last) rows of each period with a constant goal; rows without a goal are skipped."""
     if goal_rad.size == 0:
         return []
-    changes = (
-        np.flatnonzero(goal_rad[1:] != goal_rad[:-1]) + 1
-    )  # NaN differs from itself; these spans are removed below
+    # NaN differs from itself; these spans are removed below.
+    changes = np.flatnonzero(goal_rad[1:] != goal_rad[:-1]) + 1
     bounds = [0, *changes.tolist(), goal_rad.size]
     return [(first, last) for first, last in pairwise(bounds) if not np.isnan(goal_rad[first])]
 

@@ -24,7 +24,6 @@ _MAX_SKIPPED = 1e9  # ticks; more is damage
 _WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")
 _MAX_PARTS = 1 << 12  # of a state: more is damage
 _MAX_PROCESS_S = 1e9  # later times are damage
-_FIX_COLUMNS = ("time_s", "latitude_rad", "longitude_rad", "speed_m_s")
 _TICK_RECORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "NAV": {"Hdg": "heading", "YawR": "yaw_rate", "Goal": "goal", "Err": "error"},
     "EST": {"Hdg": "hull", "WT": "wave_period", "WSd": "wave_sd"},
@@ -77,7 +76,6 @@ class LogContents:
     every: int = 1
     ticks: int = 0
     orders: LoggedPlans = field(default_factory=LoggedPlans)
-
     columns: dict[str, array[float]] = field(default_factory=lambda: {name: array("d") for name in _TICK_COLUMNS})
     fixes: dict[str, array[float]] = field(
         default_factory=lambda: {name: array("d") for name in ("t", "lat", "lng", "v")}
@@ -108,10 +106,8 @@ def records(data: Buffer, columns: Mapping[str, Sequence[str]]) -> Iterator[tupl
                 record_format.labels.index(label) if label in record_format.labels else None for label in labels
             )
         values = record_format.unpack(data, offset)
-        yield (
-            record_format.name,
-            tuple(math.nan if index is None else values[index] for index in indices[record_format]),
-        )
+        row = tuple(math.nan if index is None else values[index] for index in indices[record_format])
+        yield record_format.name, row
 
 
 class LogFile:
@@ -171,10 +167,9 @@ class LogFile:
             contents.shift_s, contents.start_s = -t_s, t_s
         else:
             dated_s = math.nan if shift_s is None or contents.utc_s is None else shift_s - contents.utc_s
-            if (
-                t_s + contents.shift_s <= contents.end_s or abs(dated_s - contents.shift_s) > SAME_START_S
-            ):  # another start
-                contents.shift_s = max(contents.end_s + UNDATED_GAP_S - t_s, dated_s)  # NaN is not greater
+            is_other_start = t_s + contents.shift_s <= contents.end_s
+            if is_other_start or abs(dated_s - contents.shift_s) > SAME_START_S:
+                contents.shift_s = max(contents.end_s + UNDATED_GAP_S - t_s, dated_s)  # ignores a date of NaN
                 gap_s = math.nan if contents.shift_s != dated_s else gap_s
             elif shift_s is None and contents.segments[-1].utc_s is not None:
                 shift_s = contents.segments[-1].utc_s + contents.shift_s

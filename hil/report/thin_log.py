@@ -66,11 +66,11 @@ def read(paths: Sequence[Path]) -> ThinTable:
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
     utc_s = corrected_utc_s([row[0] for row in rows], times_s, [row[1] for row in rows])
-    is_known = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
-    undated = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
-    table = np.array(sorted(is_known), dtype=np.float64).reshape(-1, len(_SAILING_COLUMNS) + len(_UPKEEP_COLUMNS))
+    dated_rows = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
+    undated_s = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
+    table = np.array(sorted(dated_rows), dtype=np.float64).reshape(-1, len(_SAILING_COLUMNS) + len(_UPKEEP_COLUMNS))
     return ThinTable(
-        dict(zip((*_SAILING_COLUMNS, *_UPKEEP_COLUMNS), table.T.copy(), strict=True)), float(np.nansum(undated))
+        dict(zip((*_SAILING_COLUMNS, *_UPKEEP_COLUMNS), table.T.copy(), strict=True)), float(np.nansum(undated_s))
     )
 
 
@@ -102,21 +102,21 @@ def day_rows(table: ThinTable) -> Iterator[tuple[str, ...]]:
 def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
     """Return the distance between the first and the last known position of some rows."""
     lat, lng = table["Lat"], table["Lng"]
-    is_known = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
-    if is_known.size < 2:
+    known_rows = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
+    if known_rows.size < 2:
         return 0.0
-    begin, end = (Place(float(lat[row]), float(lng[row])) for row in (is_known[0], is_known[-1]))
+    begin, end = (Place(float(lat[row]), float(lng[row])) for row in (known_rows[0], known_rows[-1]))
     return begin.distance_and_bearing(end)[0]
 
 
 def positions_m(table: ThinTable) -> tuple[Array, Array]:
     """Return the positions north and east of the first known position."""
     lat, lng = table["Lat"], table["Lng"]
-    is_known = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
-    if not is_known.size:
+    known_rows = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
+    if not known_rows.size:
         return lat, lng
-    east_rad = np.remainder(lng - lng[is_known[0]] + math.pi, math.tau) - math.pi
-    return (lat - lat[is_known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[is_known[0]])) * EARTH_RADIUS_M
+    east_rad = np.remainder(lng - lng[known_rows[0]] + math.pi, math.tau) - math.pi
+    return (lat - lat[known_rows[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[known_rows[0]])) * EARTH_RADIUS_M
 
 
 # Panels: name with unit, column, factor; drawn if any value is known.

@@ -45,10 +45,8 @@ def field_voyage(log: FieldLog) -> Voyage:
         thinned_truth.time_s, {**_onboard(log, thinned_truth.time_s), **_columns(thinned_truth)}, gaps
     )
     voyage_data = voyage(columns, log.texts) | _plans_and_spectrum(log)
-    voyage_data["begin_utc_s"], voyage_data["origin"] = (
-        log.axis_utc_s(),
-        None if log.origin is None else numbers(log.origin, 7),
-    )
+    voyage_data["begin_utc_s"] = log.axis_utc_s()
+    voyage_data["origin"] = None if log.origin is None else numbers(log.origin, 7)
     return voyage_data
 
 
@@ -90,11 +88,11 @@ def _onboard(log: FieldLog, times_s: Array) -> dict[str, Array]:
     rows = np.searchsorted(time_s, times_s + 1e-6, side="right") - 1
     values_at_times: dict[str, Array] = {}
     for name, values in log.columns.items():
-        finite_columns = np.flatnonzero(np.isfinite(values))
-        if not finite_columns.size:
+        finite_rows = np.flatnonzero(np.isfinite(values))
+        if not finite_rows.size:
             continue
-        newest = np.searchsorted(finite_columns, rows, side="right") - 1
-        source = finite_columns[np.maximum(newest, 0)]
+        newest = np.searchsorted(finite_rows, rows, side="right") - 1
+        source = finite_rows[np.maximum(newest, 0)]
         is_recent = (newest >= 0) & (times_s - time_s[source] <= MAX_AGE_S)
         values_at_times[name] = np.where(is_recent, values[source], math.nan)
     return values_at_times

@@ -231,11 +231,11 @@ def describe_options() -> str:
 
 
 def _parse_record(row: Option, texts: list[str]) -> Any:
-    known = fields(row.record)
-    if len(texts) > len(known):
+    numbers = fields(row.record)
+    if len(texts) > len(numbers):
         raise DisturbanceError(f"option {row.name}: {len(texts)} numbers are too many; write {_describe_syntax(row)}")
-    values = {number.name: _parse_number(row, number, text) for number, text in zip(known, texts, strict=False)}
-    missing = [number for number in known if number.name not in values and number.default is MISSING]
+    values = {number.name: _parse_number(row, number, text) for number, text in zip(numbers, texts, strict=False)}
+    missing = [number for number in numbers if number.name not in values and number.default is MISSING]
     if missing:
         raise DisturbanceError(f"option {row.name}: {_label(missing[0])} is missing; write {_describe_syntax(row)}")
     return row.record(**values)

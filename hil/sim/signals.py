@@ -11,19 +11,19 @@ from contextlib import contextmanager
 def stopped_by_signal() -> Iterator[Callable[[], bool]]:
     """Let Ctrl-C or SIGTERM end a run in order; yield a function that tests for it. A second signal interrupts."""
     is_stopped = False
-    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous_handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def stop(number: int, _frame: object) -> None:
         nonlocal is_stopped
         is_stopped = True
-        signal.signal(number, previous[signal.Signals(number)])
+        signal.signal(number, previous_handlers[signal.Signals(number)])
 
-    for number in previous:
+    for number in previous_handlers:
         signal.signal(number, stop)
     try:
         yield lambda: is_stopped
     finally:
-        for number, handler in previous.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
 
 
@@ -35,11 +35,11 @@ def interruptible() -> Iterator[None]:
         raise KeyboardInterrupt
 
     try:
-        previous = signal.signal(signal.SIGTERM, interrupt)
+        previous_handler = signal.signal(signal.SIGTERM, interrupt)
     except ValueError:  # not the main thread: the caller handles signals
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        signal.signal(signal.SIGTERM, previous_handler)
