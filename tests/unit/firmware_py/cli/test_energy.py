@@ -50,7 +50,7 @@ def test_days_begin_at_midnight_utc_and_undated_minutes_are_separate(energy):
     data = minutes(DAY_UTC_S - 1800.0, 60, **MEASURED) + minutes(0.0, 5, **MEASURED)
     days = json.loads(energy(data, "--json")[1])["days"]
     assert [(day["day"], day["load"]["wh"]) for day in days] == [
-        (None, pytest.approx(5.0 / 12.0, abs=1e-3)),
+        (None, 0.4167),
         ("2026-12-31", pytest.approx(2.5)),
         ("2027-01-01", pytest.approx(2.5)),
     ]

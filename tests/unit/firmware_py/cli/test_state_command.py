@@ -134,6 +134,10 @@ def test_import_replaces_the_whole_state(exported, new, old, capsys):
 
 def test_key_is_exported_only_with_key(exported, new, old, tmp_path, capsys):
     assert KEY.hex() not in exported.read_text()
+    assert set(unpack(exported.read_bytes()).files) == set(FILE_NAMES)
+    assert export_state(tmp_path / "no_key.state", old, "--with-key") == 0
+    assert set(unpack((tmp_path / "no_key.state").read_bytes()).files) == set(FILE_NAMES)
+    capsys.readouterr()
     assert mode_of(exported) == 0o640
     path = tmp_path / "with_key.state"
     assert export_state(path, new, "--with-key", "--json") == 0
