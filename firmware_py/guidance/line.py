@@ -102,7 +102,7 @@ def _update_approach(
     closest_m = state.closest_m
     if _is_closing(motion, bearing_rad):
         closest_m = min(closest_m, distance_m)
-    elif math.cos(motion.way_rad - bearing_rad) > 0.0:
+    elif math.cos(motion.water_course_rad - bearing_rad) > 0.0:
         closest_m = math.inf
     max_passing_m = max(task.acceptance_radius_m, _passing_distance_m(settings, motion))
     is_receding = distance_m > closest_m + RECEDING_DISTANCE_M and closest_m <= max_passing_m
@@ -119,8 +119,8 @@ def _update_approach(
 
 def _is_closing(motion: VesselMotion, bearing_rad: float) -> bool:
     """Return whether the velocity over ground has a component in the direction of a bearing."""
-    north_m_s = motion.speed_m_s * math.cos(motion.way_rad) + motion.current_north_m_s
-    east_m_s = motion.speed_m_s * math.sin(motion.way_rad) + motion.current_east_m_s
+    north_m_s = motion.speed_m_s * math.cos(motion.water_course_rad) + motion.current_north_m_s
+    east_m_s = motion.speed_m_s * math.sin(motion.water_course_rad) + motion.current_east_m_s
     return north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad) > 0.0
 
 

@@ -55,19 +55,19 @@ def update(
     limit_m = task.radius_m - min(
         max(MIN_MARGIN_M, MARGIN_FRACTION * task.radius_m), MAX_MARGIN_FRACTION * task.radius_m
     )
-    way_rad = state.way_rad
-    if way_rad is None or _must_end(settings, motion, way_rad, north_m, east_m, limit_m):
-        way_rad = _choose_leg(settings, motion, north_m, east_m, limit_m)
-    return StationKeepingState(way_rad), HeadingTarget(wrap_two_pi(way_rad - motion.leeway_rad), over_ground=False)
+    leg_rad = state.way_rad
+    if leg_rad is None or _must_end(settings, motion, leg_rad, north_m, east_m, limit_m):
+        leg_rad = _choose_leg(settings, motion, north_m, east_m, limit_m)
+    return StationKeepingState(leg_rad), HeadingTarget(wrap_two_pi(leg_rad - motion.leeway_rad), over_ground=False)
 
 
 def _must_end(
-    settings: TaskSettings, motion: VesselMotion, way_rad: float, north_m: float, east_m: float, limit_m: float
+    settings: TaskSettings, motion: VesselMotion, leg_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
     """Return whether the leg must end now so that a turn back stays within the limit."""
-    if abs(wrap_pi(way_rad - motion.way_rad)) > MAX_LEG_ERROR_RAD:
+    if abs(wrap_pi(leg_rad - motion.water_course_rad)) > MAX_LEG_ERROR_RAD:
         return False  # the turn has not ended
-    v_north, v_east = _velocity_over_ground(motion, way_rad)
+    v_north, v_east = _velocity_over_ground(motion, leg_rad)
     if north_m * v_north + east_m * v_east <= 0.0:
         return False  # the distance decreases
     north_m, east_m = north_m + PREDICTION_S * v_north, east_m + PREDICTION_S * v_east
@@ -79,43 +79,40 @@ def _must_end(
 
 def _choose_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
     """Return the course with the longest time inside, or with the smallest distance outside if none stays inside."""
-    best_rad, best = motion.way_rad, (-math.inf, -math.inf)
+    best_rad, best = motion.water_course_rad, (-math.inf, -math.inf)
     for index in range(HEADING_COUNT):
-        way_rad = wrap_two_pi(motion.way_rad + index * TWO_PI / HEADING_COUNT)
-        turn = _predict_turn(settings, motion, way_rad, north_m, east_m)
-        cost_s = TURN_COST_S_RAD * abs(wrap_pi(way_rad - motion.way_rad))
-        stay_s = _stay_time_s(turn, _velocity_over_ground(motion, way_rad), limit_m)
+        leg_rad = wrap_two_pi(motion.water_course_rad + index * TWO_PI / HEADING_COUNT)
+        turn = _predict_turn(settings, motion, leg_rad, north_m, east_m)
+        cost_s = TURN_COST_S_RAD * abs(wrap_pi(leg_rad - motion.water_course_rad))
+        stay_s = _stay_time_s(turn, _velocity_over_ground(motion, leg_rad), limit_m)
         # The distance outside is compared first, then the time inside.
         value = (min(0.0, limit_m - turn.max_distance_m), turn.seconds + stay_s - cost_s)
         if value > best:
-            best_rad, best = way_rad, value
+            best_rad, best = leg_rad, value
     return best_rad
 
 
-def _velocity_over_ground(motion: VesselMotion, way_rad: float) -> tuple[float, float]:
+def _velocity_over_ground(motion: VesselMotion, leg_rad: float) -> tuple[float, float]:
     """Return the velocity over ground, north and east in m/s, for a course through the water."""
     return (
-        motion.speed_m_s * math.cos(way_rad) + motion.current_north_m_s,
-        motion.speed_m_s * math.sin(way_rad) + motion.current_east_m_s,
+        motion.speed_m_s * math.cos(leg_rad) + motion.current_north_m_s,
+        motion.speed_m_s * math.sin(leg_rad) + motion.current_east_m_s,
     )
 
 
 def _predict_turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
     """Predict the turn to a course through the water, along an arc that drifts with the current."""
-    angle_rad = wrap_pi(to_rad - motion.way_rad)
+    start_rad = motion.water_course_rad
+    angle_rad = wrap_pi(to_rad - start_rad)
     radius_m = settings.turning_radius_m / TURN_RATE_FRACTION
     rate_rad_s = max(motion.speed_m_s, 0.05) / radius_m
     side_m = math.copysign(radius_m, angle_rad)
     max_distance_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
     for fraction in (0.5, 1.0):
-        end_rad = motion.way_rad + fraction * angle_rad
+        end_rad = start_rad + fraction * angle_rad
         seconds = fraction * abs(angle_rad) / rate_rad_s
-        end_north_m = (
-            north_m + side_m * (math.sin(end_rad) - math.sin(motion.way_rad)) + seconds * motion.current_north_m_s
-        )
-        end_east_m = (
-            east_m + side_m * (math.cos(motion.way_rad) - math.cos(end_rad)) + seconds * motion.current_east_m_s
-        )
+        end_north_m = north_m + side_m * (math.sin(end_rad) - math.sin(start_rad)) + seconds * motion.current_north_m_s
+        end_east_m = east_m + side_m * (math.cos(start_rad) - math.cos(end_rad)) + seconds * motion.current_east_m_s
         max_distance_m = max(max_distance_m, math.hypot(end_north_m, end_east_m))
     return _Turn(end_north_m, end_east_m, max_distance_m, seconds)
 

@@ -60,7 +60,7 @@ class VesselMotion(msgspec.Struct, frozen=True):
     spread_m: float = 0.0
 
     @property
-    def way_rad(self) -> float:
+    def water_course_rad(self) -> float:
         """The course through the water."""
         return wrap_two_pi(self.heading_rad + self.leeway_rad)
 

@@ -65,6 +65,15 @@ def test_passing_distance_grows_with_the_current(origin, tight, current_m_s, cir
         assert status.arrived is arrived
 
 
+@pytest.mark.parametrize(
+    ("closest_m", "distance_m", "has_arrived"), [(25.0, 29.9, False), (25.0, 30.1, True), (32.0, 60.0, False)]
+)
+def test_boat_that_moves_away_from_a_near_waypoint_has_arrived(origin, tight, closest_m, distance_m, has_arrived):
+    state, task = LineState(origin, closest_m=closest_m), go_to(origin, 500.0, 0.0, acceptance_radius_m=1.0)
+    motion = VesselMotion(origin.at_offset(500.0 - distance_m, 0.0), math.pi, 0.4, 0.0, 0.0)
+    assert line.update(tight, state, task, motion, 1.0)[1].arrived is has_arrived
+
+
 def test_look_ahead_grows_with_speed_between_limits(origin, tight):
     def look_m(speed_m_s):
         return look_ahead_m(tight, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.common.records import Calibration, CalibrationState, RudderFeedback
-from firmware_py.link.commands.server import PendingCommand
+from firmware_py.link.commands.server import CommandRow, PendingCommand
 from support.link import results
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
@@ -136,6 +136,14 @@ def test_long_command_fails_once_after_its_timeout(rig, compass, texts):
     replies = rig.tick(seconds=901.0, **BENCH)
     assert (results(replies), texts(replies)[-1]) == ([FAILED], "PREFLIGHT_CALIBRATION: not done in time")
     assert results(rig.ticks(30)) == []
+
+
+def test_number_of_long_commands_is_limited_to_eight(rig, texts):
+    server = rig.endpoint._handlers[76].__self__
+    server._rows = {n: CommandRow(n, "LONG", lambda *_: PendingCommand(timeout_s=60.0), "") for n in range(1, 10)}
+    assert [results(rig.command(number)) for number in range(1, 9)] == [[]] * 8
+    replies = rig.command(9)
+    assert (results(replies), texts(replies)) == ([REJECTED], ["Too many commands in progress"])
 
 
 def test_failure_of_the_disk_is_reported(rig, texts):
