@@ -57,7 +57,7 @@ class Ship(Protocol):
         """Whether its status is at anchor."""
 
     @property
-    def trick(self) -> str:
+    def error_kind(self) -> str:
         """Kind of invalid data: leaps or absurd; empty for none."""
 
     def position_m(self, t_s: float) -> tuple[float, float]:
@@ -142,7 +142,7 @@ class AisEmulator:
             return
         for bits in _static_reports(ship) if is_static else (self._position_report(ship, t_s, count),):
             data = ais_frames.sentences(bits, channel="AB"[self._sent % 2], sequence=self._sent)
-            yield _damage(data, count) if ship.trick == "absurd" else data
+            yield _damage(data, count) if ship.error_kind == "absurd" else data
 
     def _is_received(self, ship: Ship, t_s: float) -> bool:
         """Return whether a message is received: in range, in a free slot or from near, and not lost."""
@@ -175,13 +175,13 @@ class AisEmulator:
 
     def _position_report(self, ship: Ship, t_s: float, count: int) -> Bits:
         north_m, east_m = ship.position_m(t_s)
-        if ship.trick == "leaps" and count % 2:
+        if ship.error_kind == "leaps" and count % 2:
             north_m += JUMP_M
         latitude_deg = self._start_deg[0] + north_m / METRES_PER_DEGREE
         cos_latitude = math.cos(math.radians(self._start_deg[0]))
         longitude_deg = self._start_deg[1] + east_m / (METRES_PER_DEGREE * cos_latitude)
         knots = ship.speed_m_s * KNOTS_PER_METRE_PER_SECOND
-        if ship.trick == "absurd":
+        if ship.error_kind == "absurd":
             return _invalid_report(ship, latitude_deg, longitude_deg, count)
         if ship.station == "mark":
             return ais_frames.mark(ship.mmsi, ship.name, latitude_deg, longitude_deg)

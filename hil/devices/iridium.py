@@ -61,11 +61,8 @@ class IridiumModem:
     def take_output(self, now_s: float) -> bytes:
         """Return the complete output."""
         while self._alert_check_s <= now_s:
-            if (
-                self._alerts
-                and self._alert_check_s >= self._busy_until_s
-                and self.network.take_alert(self._alert_check_s)
-            ):
+            is_free = self._alert_check_s >= self._busy_until_s
+            if self._alerts and is_free and self.network.take_alert(self._alert_check_s):
                 self._ringing = True
                 self._send(self._alert_check_s, b"\r\nSBDRING\r\n")
             self._alert_check_s += max(_ALERT_CHECK_S, math.floor(now_s - self._alert_check_s))

@@ -103,9 +103,8 @@ class PowerPlant:
         net_w = charger_w - load_w
         open_circuit_v = float(np.interp(self.charge, _CHARGES, _OPEN_CIRCUIT_V))
         # V = E + R I and I = P / V.
-        self.voltage_v = 0.5 * (
-            open_circuit_v + math.sqrt(max(0.0, open_circuit_v * open_circuit_v + 4.0 * RESISTANCE_OHM * net_w))
-        )
+        square_v2 = open_circuit_v * open_circuit_v + 4.0 * RESISTANCE_OHM * net_w
+        self.voltage_v = 0.5 * (open_circuit_v + math.sqrt(max(0.0, square_v2)))
         self.panel_v = 0.0 if sine <= 0.0 else 18.0 + 2.0 * self._sky_transmission
         current_a = net_w / self.voltage_v
         capacity_c = self._supply.battery_wh / _NOMINAL_V * 3600.0
@@ -129,9 +128,8 @@ class PowerPlant:
             self._is_cloudy = not self._is_cloudy
             self._target_transmission = float(self._rng.uniform(*CLOUD_TRANSMISSION)) if self._is_cloudy else 1.0
             self._sky_change_s += self._draw_duration_s()
-        self._sky_transmission += (self._target_transmission - self._sky_transmission) * -math.expm1(
-            -STEP_S / SKY_TIME_CONSTANT_S
-        )
+        weight = -math.expm1(-STEP_S / SKY_TIME_CONSTANT_S)
+        self._sky_transmission += (self._target_transmission - self._sky_transmission) * weight
 
     def _draw_duration_s(self) -> float:
         """Draw the duration of the present sky, cloudy or clear."""

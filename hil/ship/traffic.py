@@ -39,7 +39,7 @@ class Ship:
     course_deg: float = 0.0
     station: Station = "A"
     at_anchor: bool = False
-    trick: ErrorKind = ""
+    error_kind: ErrorKind = ""
 
     def position_m(self, t_s: float) -> tuple[float, float]:
         """Return the position north and east of the boat's start."""
@@ -110,7 +110,7 @@ def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
         north_m, east_m = map(float, rng.uniform(-20_000.0, 20_000.0, 2))
         speed, course_deg = float(rng.uniform(0.0, 20.0)), float(rng.uniform(0.0, 360.0))
         ghosts.append(Ship(mmsi, f"GHOST {number + 1}", north_m, east_m, speed, course_deg))
-    leaping = Ship(211_000_005, "LEAPER", 9000.0, 9000.0, 5.0, 200.0, trick="leaps")
+    leaping = Ship(211_000_005, "LEAPER", 9000.0, 9000.0, 5.0, 200.0, error_kind="leaps")
     duplicate = Ship(OWN_MMSI, "DOUBLE", 300.0, 0.0, 0.4, 180.0, "B")
     return (*crossing(speed_m_s, rng), *ghosts, leaping, duplicate)
 
@@ -118,7 +118,7 @@ def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 def absurd(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
     """Return a crossing ship and stations that send values out of range."""
     stations = tuple(
-        Ship(211_000_200 + number, f"ABSURD {number + 1}", 500.0, 100.0 * number, 5.0, 180.0, trick="absurd")
+        Ship(211_000_200 + number, f"ABSURD {number + 1}", 500.0, 100.0 * number, 5.0, 180.0, error_kind="absurd")
         for number in range(6)
     )
     return (*crossing(speed_m_s, rng), *stations)

@@ -77,6 +77,8 @@ def test_invalid_usage_gives_an_error_of_one_line_and_code_2(words, capsys, tmp_
     errors = [line for line in output.err.splitlines() if "ignored" not in line]
     assert len(errors) == 1
     assert errors[0].startswith("rambler-hil: ")
+    options = [word.strip("-") for word in words.split(" ") if word.startswith("--")]
+    assert not options or options[-1] in errors[0]
 
 
 def test_default_directory_is_hidden_from_git_and_other_state_is_kept(tmp_path, monkeypatch):

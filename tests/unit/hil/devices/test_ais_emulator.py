@@ -110,7 +110,7 @@ def test_full_channel_drops_messages():
 
 
 def test_invalid_stations_jump_or_send_damaged_sentences():
-    leaper = next(ship for ship in PATTERNS["spoofed"](0.4, np.random.default_rng(1)) if ship.trick == "leaps")
+    leaper = next(ship for ship in PATTERNS["spoofed"](0.4, np.random.default_rng(1)) if ship.error_kind == "leaps")
     latitudes = [report["lat"] for report in decode_positions(emulator(leaper, lost=0.0), 60.0)]
     assert max(latitudes) - min(latitudes) > 0.3
     ships = PATTERNS["absurd"](0.4, np.random.default_rng(1))[1:]

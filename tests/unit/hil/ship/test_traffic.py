@@ -59,7 +59,7 @@ def test_patterns_contain_their_ships():
     assert {ship.station for ship in fleet} == {"A", "B", "mark"}
     spoofed = ships_of(Vessels("spoofed"), SPEED_M_S, 1)
     assert any(ship.mmsi == OWN_MMSI for ship in spoofed)
-    assert any(ship.trick == "leaps" for ship in spoofed)
+    assert any(ship.error_kind == "leaps" for ship in spoofed)
     flood = ships_of(Vessels("flood"), SPEED_M_S, 1)
     assert len(flood) == FLOOD_SHIPS + 1
     assert min(math.hypot(ship.north_m, ship.east_m) for ship in flood[1:]) >= 15_000.0
