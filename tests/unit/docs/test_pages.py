@@ -94,3 +94,17 @@ def test_all_generated_parts_can_be_written(pages):
         "README.md",
         "command-line.md",
     }
+
+
+def test_check_reports_a_changed_page_and_ignores_line_breaks(pages, monkeypatch, tmp_path):
+    page = tmp_path / "a.md"
+    monkeypatch.setattr(pages, "ROOT", tmp_path)
+    monkeypatch.setattr(pages, "expected_pages", lambda: [(page, "one two\n")])
+    for content, arguments, code, result in (
+        ("one\ntwo\n", ["--check"], 0, "one\ntwo\n"),
+        ("one three\n", ["--check"], 1, "one three\n"),
+        ("one three\n", [], 0, "one two\n"),
+    ):
+        page.write_text(content)
+        monkeypatch.setattr("sys.argv", ["pages.py", *arguments])
+        assert (pages.main(), page.read_text()) == (code, result)

@@ -9,11 +9,22 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli import logged_ticks
-from firmware_py.cli.calibrate_rudder import BenchError, ServoFeedback, measure_rudder
+from firmware_py.cli.bench_session import BenchDevice
+from firmware_py.cli.calibrate_rudder import Bench, BenchError, ServoFeedback, measure_rudder
 from firmware_py.common.angles import degrees, radians, wrap_two_pi
 from firmware_py.common.intents import Arm, Request, SetParameter
 from firmware_py.common.parameters import ParameterSet, parse_file
-from firmware_py.common.records import HeadingSample, Inputs, NorthReference, RudderCommand, RudderFeedback, Tick
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    RudderCommand,
+    RudderFeedback,
+    Tick,
+)
 from firmware_py.log.reader import LoggedTick
 
 
@@ -107,6 +118,71 @@ def test_deflection_for_the_operator_keeps_the_margin_to_a_stop(monkeypatch):
 def test_faulty_servo_gives_no_proposal(bench, text):
     with pytest.raises(BenchError, match=text):
         measure(bench)
+
+
+class SimulatedServo:
+    """A servo that moves by 20 deg/s and reports its angle every 50 ms, with the clock of the bench."""
+
+    def __init__(self, *, sends=True, is_stuck=False, state=DeviceState.RUNNING):
+        self.time_s = self.angle_rad = self.target_rad = 0.0
+        self.sends, self.is_stuck, self.state = sends, is_stuck, state
+
+    def now_s(self):
+        return self.time_s
+
+    def wait(self, until_s, _descriptors):
+        step_rad = radians(20.0) * (until_s - self.time_s) * (not self.is_stuck)
+        self.angle_rad += max(-step_rad, min(self.target_rad - self.angle_rad, step_rad))
+        self.time_s = until_s
+
+    def command(self, command, _now_s):
+        self.target_rad = command.shaft_rad if command.torque_on else self.angle_rad
+
+    def receive(self, _now_s):
+        pass
+
+    def poll(self):
+        return (RudderFeedback(self.time_s, self.angle_rad),) if self.sends else ()
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.RUDDER, self.state, 0, 0, "")
+
+    def fileno(self):
+        return -1
+
+
+def bench_of(servo):
+    bench = Bench(BenchDevice("rudder", "volz", "/dev/x"), servo)
+    bench._clock = servo
+    return bench
+
+
+def test_bench_waits_until_the_shaft_settles():
+    servo = SimulatedServo()
+    bench = bench_of(servo)
+    assert bench.move(None).shaft_rad == 0.0
+    start_s = servo.time_s
+    assert degrees(bench.move(radians(10.0)).shaft_rad) == pytest.approx(10.0, abs=0.5)
+    assert servo.time_s - start_s == pytest.approx(0.5, abs=0.1)
+
+
+def test_bench_waits_for_a_stuck_shaft_for_a_time_per_step():
+    servo = SimulatedServo(is_stuck=True)
+    bench = bench_of(servo)
+    bench.move(None)
+    start_s = servo.time_s
+    assert bench.move(radians(4.0)).shaft_rad == 0.0
+    assert servo.time_s - start_s == pytest.approx(3 * 1.5, abs=0.1)
+
+
+def test_bench_refuses_a_silent_servo():
+    servo = SimulatedServo(sends=False)
+    with pytest.raises(BenchError, match="no angle from the servo; check power and wiring"):
+        bench_of(servo).move(0.1)
+    assert servo.time_s == pytest.approx(3.0, abs=0.1)
+    assert bench_of(servo).release() is None  # it runs, but reports no angle while released
+    with pytest.raises(BenchError):
+        bench_of(SimulatedServo(sends=False, state=DeviceState.SILENT)).release()
 
 
 def test_missing_port_is_a_one_line_error(capsys, tmp_path):
