@@ -83,7 +83,7 @@ class FileUpload:
         self.gaps: list[tuple[int, int]] = []  # (start, end) of missing bytes; the end is not included
 
     def write(self, offset: int, data: bytes) -> None:
-        """Write a part at its offset; raise Refusal for too large a file or too many gaps. The order is free."""
+        """Write a part at its offset, in any order; raise Refusal if the file is too large or has too many gaps."""
         end, size = offset + len(data), len(self.content)
         if end > MAX_FILE_BYTES:
             raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)

@@ -65,5 +65,5 @@ def origin():
 
 
 @pytest.fixture
-def tight():
+def task_settings():
     return SETTINGS

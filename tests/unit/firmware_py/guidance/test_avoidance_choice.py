@@ -61,9 +61,8 @@ MOTIONS = st.builds(
     current_east_m_s=st.floats(-0.2, 0.2),
     leeway_rad=st.floats(-0.3, 0.3),
 )
-SIDES = st.tuples(
-    *[st.floats(40.0, 1500.0)] * 4
-)  # distances of the fence to the north, east, south and west, in metres
+# Distances of the fence to the north, east, south and west, in metres.
+SIDES = st.tuples(*[st.floats(40.0, 1500.0)] * 4)
 
 
 class Plane:
@@ -71,9 +70,7 @@ class Plane:
 
     def __init__(self, vessels, motion, sides):
         self.vessels, self.motion, self.sides = vessels, motion, sides
-        cpa_times_s = [
-            vessel.cpa_in_s for _, vessel in vessels if vessel.near_s is not None and vessel.cpa_in_s is not None
-        ]
+        cpa_times_s = [vessel.cpa_in_s or 0.0 for _, vessel in vessels if vessel.near_s is not None]
         self.duration_s = max(cpa_times_s, default=0.0) + 2.0 * ROUND_INTERVAL_S
 
     def velocity(self, heading_rad):

@@ -44,23 +44,23 @@ def test_integral_compensates_an_unknown_current(simulated_boat, origin):
     assert abs(boat.status.cross_track_m) < 1.5
 
 
-def test_integral_follows_the_law_of_integral_line_of_sight(origin, tight):
+def test_integral_follows_the_law_of_integral_line_of_sight(origin, task_settings):
     """Equation of Caharija et al. (2016), with the integral in seconds."""
     error_m, start_s = 8.0, 200.0
     motion = VesselMotion(origin.at_offset(100.0, error_m), 0.0, 0.4, 0.0, 0.0)
-    state, status = line.update(tight, LineState(origin, start_s), go_to(origin, 1000.0, 0.0), motion, 2.0)
-    look_m, offset_m = look_ahead_m(tight, motion), error_m + line.INTEGRAL_SPEED_FRACTION * 0.4 * start_s
+    state, status = line.update(task_settings, LineState(origin, start_s), go_to(origin, 1000.0, 0.0), motion, 2.0)
+    look_m, offset_m = look_ahead_m(task_settings, motion), error_m + line.INTEGRAL_SPEED_FRACTION * 0.4 * start_s
     assert state.integral_s - start_s == pytest.approx(2.0 * look_m * error_m / (look_m**2 + offset_m**2), rel=1e-3)
     assert status.course_rad == pytest.approx(2.0 * math.pi - math.atan2(offset_m, look_m), rel=1e-3)
 
 
 @pytest.mark.parametrize(("current_m_s", "circles"), [(0.0, 1.0), (0.1, 1.25), (0.4, 2.0), (2.0, 2.0)])
-def test_passing_distance_grows_with_the_current(origin, tight, current_m_s, circles):
-    max_passing_m = circles * line.PASSING_RADII * tight.turning_radius_m
+def test_passing_distance_grows_with_the_current(origin, task_settings, current_m_s, circles):
+    max_passing_m = circles * line.PASSING_RADII * task_settings.turning_radius_m
     for error_m, arrived in ((0.98 * max_passing_m, True), (1.02 * max_passing_m, False)):
         motion = VesselMotion(origin.at_offset(501.0, error_m), 0.0, 0.4, current_m_s, 0.0)
         _, status = line.update(
-            tight, LineState(origin), go_to(origin, 500.0, 0.0, acceptance_radius_m=1.0), motion, 1.0
+            task_settings, LineState(origin), go_to(origin, 500.0, 0.0, acceptance_radius_m=1.0), motion, 1.0
         )
         assert status.arrived is arrived
 
@@ -68,15 +68,17 @@ def test_passing_distance_grows_with_the_current(origin, tight, current_m_s, cir
 @pytest.mark.parametrize(
     ("closest_m", "distance_m", "has_arrived"), [(25.0, 29.9, False), (25.0, 30.1, True), (32.0, 60.0, False)]
 )
-def test_boat_that_moves_away_from_a_near_waypoint_has_arrived(origin, tight, closest_m, distance_m, has_arrived):
+def test_boat_that_moves_away_from_a_near_waypoint_has_arrived(
+    origin, task_settings, closest_m, distance_m, has_arrived
+):
     state, task = LineState(origin, closest_m=closest_m), go_to(origin, 500.0, 0.0, acceptance_radius_m=1.0)
     motion = VesselMotion(origin.at_offset(500.0 - distance_m, 0.0), math.pi, 0.4, 0.0, 0.0)
-    assert line.update(tight, state, task, motion, 1.0)[1].arrived is has_arrived
+    assert line.update(task_settings, state, task, motion, 1.0)[1].arrived is has_arrived
 
 
-def test_look_ahead_grows_with_speed_between_limits(origin, tight):
+def test_look_ahead_grows_with_speed_between_limits(origin, task_settings):
     def look_m(speed_m_s):
-        return look_ahead_m(tight, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))
+        return look_ahead_m(task_settings, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))
 
     assert look_m(0.05) == pytest.approx(2 * 15.6)
     assert look_m(1.0) == 60.0
@@ -133,34 +135,34 @@ def test_end_of_the_line_is_reached_in_a_strong_current(simulated_boat, origin):
     assert boat.distance_m(0.0, 800.0) <= 20.0
 
 
-def test_closest_distance_is_stored_only_while_the_distance_decreases(origin, tight):
+def test_closest_distance_is_stored_only_while_the_distance_decreases(origin, task_settings):
     for heading_deg, bearing_deg in itertools.product(range(0, 360, 60), range(7, 360, 30)):
         bearing_rad = math.radians(bearing_deg)
         place = go_to(origin, 50.0 * math.cos(bearing_rad), 50.0 * math.sin(bearing_rad), acceptance_radius_m=5.0)
         motion = VesselMotion(origin, math.radians(heading_deg), 0.4, 0.1, -0.2)
         north_m_s, east_m_s = 0.4 * math.cos(motion.heading_rad) + 0.1, 0.4 * math.sin(motion.heading_rad) - 0.2
         closing_m_s = north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad)
-        state, _ = line.update(tight, LineState(origin), place, motion, 0.1)
+        state, _ = line.update(task_settings, LineState(origin), place, motion, 0.1)
         assert math.isfinite(state.closest_m) is (closing_m_s > 0.0), (heading_deg, bearing_deg)
 
 
-def test_waypoint_passed_at_a_large_distance_is_tried_again(origin, tight):
+def test_waypoint_passed_at_a_large_distance_is_tried_again(origin, task_settings):
     task = go_to(origin, 500.0, 0.0)
     place = origin.at_offset(510.0, 300.0)
     motion = VesselMotion(place, 0.0, 0.4, 0.0, 0.0)
-    state, status = line.update(tight, LineState(origin), task, motion, 1.0)
+    state, status = line.update(task_settings, LineState(origin), task, motion, 1.0)
     assert not status.arrived
     assert (state.start, state.tries) == (place, 1)
 
 
 @pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MAX_TRIES), (True, 20)])
 def test_large_distance_is_accepted_after_several_tries_except_in_a_too_strong_current(
-    origin, tight, too_strong, passes
+    origin, task_settings, too_strong, passes
 ):
     task, state, arrived = go_to(origin, 500.0, 0.0), LineState(origin), []
     for number in range(passes + 1):
         beyond = VesselMotion(origin.at_offset(510.0, 300.0), 0.0, 0.4, 0.5, 0.0, too_strong)
-        state, status = line.update(tight, LineState(origin, tries=state.tries), task, beyond, 1.0)
+        state, status = line.update(task_settings, LineState(origin, tries=state.tries), task, beyond, 1.0)
         arrived.append(status.arrived)
         assert state.tries == (0 if too_strong else min(number + 1, line.MAX_TRIES))
     assert arrived == [False] * passes + [not too_strong]

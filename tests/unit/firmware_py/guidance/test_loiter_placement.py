@@ -36,7 +36,7 @@ def plan(*items):
     return Plan.of(PlanKind.FENCE, items)
 
 
-def at(north_m, east_m, radius_m=100.0):
+def circle_at(north_m, east_m, radius_m=100.0):
     return HoldStation(ORIGIN.at_offset(north_m, east_m), radius_m)
 
 
@@ -64,57 +64,61 @@ def moved_m(placement):
 @pytest.mark.parametrize(
     ("items", "task", "missing_m"),
     [
-        (SQUARE, at(0, 0), 0.0),
-        (SQUARE, at(0, 340), 0.0),
-        (SQUARE, at(0, 400), 55.0),
-        (SQUARE, at(20, 500), 155.0),
-        (SQUARE, at(20, 560), 215.0),  # outside the fence
-        (SQUARE, at(0, 450, 20.0), 25.0),  # smaller than the minimum radius
-        (polygon((-500, 0), (0, -500), (500, 0), (0, 500)), at(200, 200), 84.0),
-        ((*SQUARE, REEF), at(0, 60), 115.0),
+        (SQUARE, circle_at(0, 0), 0.0),
+        (SQUARE, circle_at(0, 340), 0.0),
+        (SQUARE, circle_at(0, 400), 55.0),
+        (SQUARE, circle_at(20, 500), 155.0),
+        (SQUARE, circle_at(20, 560), 215.0),  # outside the fence
+        (SQUARE, circle_at(0, 450, 20.0), 25.0),  # smaller than the minimum radius
+        (polygon((-500, 0), (0, -500), (500, 0), (0, 500)), circle_at(200, 200), 84.0),
+        ((*SQUARE, REEF), circle_at(0, 60), 115.0),
     ],
 )
-def test_circle_is_moved_inward_by_the_missing_margin(tight, items, task, missing_m):
-    placement = place_circle(tight, task, items)
+def test_circle_is_moved_inward_by_the_missing_margin(task_settings, items, task, missing_m):
+    placement = place_circle(task_settings, task, items)
     assert placement.circle.radius_m == task.radius_m
     assert fence.margin_m(plan(*items), placement.circle.centre) >= task.radius_m + OVERSHOOT_M
     assert missing_m <= moved_m(placement) + 1.0 <= 1.03 * missing_m + 2.0
 
 
-def test_circle_in_a_corner_is_moved_out_of_it(tight):
-    placement = place_circle(tight, at(450, 450), SQUARE)
+def test_circle_in_a_corner_is_moved_out_of_it(task_settings):
+    placement = place_circle(task_settings, circle_at(450, 450), SQUARE)
     assert placement.margin_m >= 100.0 + OVERSHOOT_M
     assert moved_m(placement) <= 160.0
 
 
 @pytest.mark.parametrize(
     ("items", "task", "radius_m"),
-    [(STRAIT, at(0, 0), 78.0), (STRAIT, at(0, 0, 30.0), 30.0), (SQUARE, at(0, 0, 1000.0), 500.0 - OVERSHOOT_M)],
+    [
+        (STRAIT, circle_at(0, 0), 78.0),
+        (STRAIT, circle_at(0, 0, 30.0), 30.0),
+        (SQUARE, circle_at(0, 0, 1000.0), 500.0 - OVERSHOOT_M),
+    ],
 )
-def test_circle_without_room_shrinks_to_the_minimum_radius(tight, items, task, radius_m):
-    placement = place_circle(tight, task, items)
+def test_circle_without_room_shrinks_to_the_minimum_radius(task_settings, items, task, radius_m):
+    placement = place_circle(task_settings, task, items)
     assert placement.circle.radius_m == pytest.approx(radius_m, abs=0.5)
     assert moved_m(placement) < 1.0
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
-def test_circle_is_not_moved_across_land(tight, north_m, east_m):
-    placement = place_circle(tight, at(north_m, east_m, 60.0), HORSESHOE)
+def test_circle_is_not_moved_across_land(task_settings, north_m, east_m):
+    placement = place_circle(task_settings, circle_at(north_m, east_m, 60.0), HORSESHOE)
     assert placement.margin_m > 60.0 + OVERSHOOT_M
-    assert at(0, 0).centre.offset_m(placement.circle.centre)[1] > 5.0
+    assert circle_at(0, 0).centre.offset_m(placement.circle.centre)[1] > 5.0
 
 
-def test_circle_far_outside_or_without_a_fence_is_not_moved(tight):
-    assert place_circle(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
-    assert loiter_placement.update(tight, None, at(0, 480), None) is None
-    assert loiter_placement.update(tight, None, at(0, 480), plan()) is None
+def test_circle_far_outside_or_without_a_fence_is_not_moved(task_settings):
+    assert place_circle(task_settings, circle_at(0, 2000), SQUARE).circle == circle_at(0, 2000)
+    assert loiter_placement.update(task_settings, None, circle_at(0, 480), None) is None
+    assert loiter_placement.update(task_settings, None, circle_at(0, 480), plan()) is None
 
 
-def test_new_task_or_fence_restarts_the_search(tight):
-    placement = place_circle(tight, at(0, 480), SQUARE)
-    assert loiter_placement.update(tight, placement, at(0, 480), plan(*SQUARE)) is placement
-    assert loiter_placement.update(tight, placement, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
-    assert loiter_placement.update(tight, placement, at(0, 480), plan(REEF)).circle == at(0, 480)
+def test_new_task_or_fence_restarts_the_search(task_settings):
+    placement = place_circle(task_settings, circle_at(0, 480), SQUARE)
+    assert loiter_placement.update(task_settings, placement, circle_at(0, 480), plan(*SQUARE)) is placement
+    assert loiter_placement.update(task_settings, placement, circle_at(0, 0), plan(*SQUARE)).circle == circle_at(0, 0)
+    assert loiter_placement.update(task_settings, placement, circle_at(0, 480), plan(REEF)).circle == circle_at(0, 480)
 
 
 @pytest.mark.parametrize(("radius_m", "current"), [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))])
@@ -124,7 +128,7 @@ def test_boat_near_a_fence_stays_inside(simulated_boat, radius_m, current):
         boat = simulated_boat(east_m=460.0, heading_rad=math.pi, current=current)
         margins_m[plan_or_none] = math.inf
         for _ in range(3000):
-            boat.step(at(0, 460, radius_m), fence=plan_or_none)
+            boat.step(circle_at(0, 460, radius_m), fence=plan_or_none)
             margins_m[plan_or_none] = min(margins_m[plan_or_none], fence.margin_m(plan(*SQUARE), boat.motion.place))
     assert margins_m[None] < 0.0 < margins_m[plan(*SQUARE)]
 
@@ -139,34 +143,37 @@ def station_state(task, placement=None, activity=Activity.STATION):
     return GuidanceState(task=task, follower=TaskFollowerState(loiter_placement=placement), status=status)
 
 
-def test_too_small_circle_is_reported_once(tight):
-    small = station_state(at(0, 0, 20.0))
-    assert texts(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {TOO_SMALL}")]
-    assert texts(tight, small, small) == []
-    assert texts(tight, GuidanceState(), station_state(at(0, 0, 78.0))) == []
-    assert texts(tight, GuidanceState(), station_state(at(0, 0, 20.0), activity=Activity.LINE)) == []
+def test_too_small_circle_is_reported_once(task_settings):
+    small = station_state(circle_at(0, 0, 20.0))
+    assert texts(task_settings, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {TOO_SMALL}")]
+    assert texts(task_settings, small, small) == []
+    assert texts(task_settings, GuidanceState(), station_state(circle_at(0, 0, 78.0))) == []
+    assert texts(task_settings, GuidanceState(), station_state(circle_at(0, 0, 20.0), activity=Activity.LINE)) == []
 
 
-def test_moved_circle_is_reported_once(tight):
-    near = station_state(at(0, 400))
-    moved = station_state(at(0, 400), place_circle(tight, at(0, 400), SQUARE))
+def test_moved_circle_is_reported_once(task_settings):
+    near = station_state(circle_at(0, 400))
+    moved = station_state(circle_at(0, 400), place_circle(task_settings, circle_at(0, 400), SQUARE))
     text = "Fence near: loiter radius 100 m, moved 56 m inward"
-    assert texts(tight, near, moved) == [(Severity.NOTICE, text)]
-    assert texts(tight, moved, moved) == []
-    middle = station_state(at(0, 0), place_circle(tight, at(0, 0), SQUARE))
-    assert texts(tight, GuidanceState(), middle) == []
+    assert texts(task_settings, near, moved) == [(Severity.NOTICE, text)]
+    assert texts(task_settings, moved, moved) == []
+    middle = station_state(circle_at(0, 0), place_circle(task_settings, circle_at(0, 0), SQUARE))
+    assert texts(task_settings, GuidanceState(), middle) == []
 
 
-def test_fence_too_close_is_reported(tight):
-    shrunk = station_state(at(0, 0), place_circle(tight, at(0, 0), STRAIT))
+def test_fence_too_close_is_reported(task_settings):
+    shrunk = station_state(circle_at(0, 0), place_circle(task_settings, circle_at(0, 0), STRAIT))
     text = "Fence near: loiter radius 78 m, moved 0 m inward"
-    assert texts(tight, station_state(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, TOO_CLOSE)]
+    assert texts(task_settings, station_state(circle_at(0, 0)), shrunk) == [
+        (Severity.NOTICE, text),
+        (Severity.WARNING, TOO_CLOSE),
+    ]
 
 
-def test_too_small_orbit_is_reported_once(tight):
-    task = Orbit(at(0, 0).centre, 10.0, clockwise=True)
+def test_too_small_orbit_is_reported_once(task_settings):
+    task = Orbit(circle_at(0, 0).centre, 10.0, clockwise=True)
     status = TaskStatus(activity=Activity.CIRCLE, target=task.centre, radius_m=23.4)
     circling = GuidanceState(task=task, status=status)
     text = "Circle radius 10 m too small: circling at 23 m"
-    assert texts(tight, GuidanceState(), circling) == [(Severity.NOTICE, text)]
-    assert texts(tight, circling, circling) == []
+    assert texts(task_settings, GuidanceState(), circling) == [(Severity.NOTICE, text)]
+    assert texts(task_settings, circling, circling) == []

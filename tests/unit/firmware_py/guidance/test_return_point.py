@@ -46,7 +46,9 @@ def test_destination_reached_first_in_the_current_is_chosen():
     assert choose(motion_at(0.0, 0.0, current_east_m_s=0.9), points, with_home=False) == (0.0, 1000.0)
 
 
-def test_nearest_destination_is_chosen_if_none_can_be_reached(tight):
-    task = return_task(tight, motion_at(0.0, 0.0, current_east_m_s=0.9), HOME, rally((0.0, -800.0)), with_home=False)
+def test_nearest_destination_is_chosen_if_none_can_be_reached(task_settings):
+    task = return_task(
+        task_settings, motion_at(0.0, 0.0, current_east_m_s=0.9), HOME, rally((0.0, -800.0)), with_home=False
+    )
     assert task.place.distance_and_bearing(HERE)[0] - 800.0 < 1.0
     assert (task.acceptance_radius_m, task.station_radius_m, task.start) == (20.0, 100.0, None)

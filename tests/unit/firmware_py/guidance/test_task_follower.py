@@ -19,11 +19,11 @@ TEXTS = {
 
 
 @pytest.fixture
-def follower(origin, tight):
+def follower(origin, task_settings):
     """Follows the task to a place FAR_M north; the test sets the positions."""
 
     class Follower:
-        settings = replace(tight, dead_reckoning_limit_m=500.0)
+        settings = replace(task_settings, dead_reckoning_limit_m=500.0)
         task = GoTo(origin.at_offset(FAR_M, 0.0), origin, 20.0, 100.0)
         state = TaskFollowerState()
         status = None
