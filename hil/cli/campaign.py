@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check(first_word: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
-    """Check the command line before packages are import_extra and connections are made."""
+    """Check the command line before packages are imported and connections are made."""
     if first_word == REPLAY:
         _parse_index(words[1])
     if first_word in ACTIONS:

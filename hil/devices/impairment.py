@@ -77,9 +77,9 @@ class Impaired:
         corrupted = bytearray()
         if self._rng.random() < self.garbage:
             corrupted += self._rng.bytes(int(self._rng.integers(1, _MAX_GARBAGE_BYTES + 1)))
-        chances = self._rng.random((len(data), 3))
+        draws = self._rng.random((len(data), 3))
         bits = self._rng.integers(0, 8, len(data))
-        for byte, (drop, flip, duplicate), bit in zip(data, chances, bits, strict=True):
+        for byte, (drop, flip, duplicate), bit in zip(data, draws, bits, strict=True):
             if drop < self.drop:
                 continue
             received = byte ^ (1 << int(bit)) if flip < self.flip else byte

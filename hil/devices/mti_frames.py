@@ -59,9 +59,9 @@ def pack_values(values: Sequence[float], precision: int) -> bytes:
         return struct.pack(f">{len(values)}i", *(round(value * 2.0**20) for value in values))
     packed = b""
     for value in values:
-        whole = math.floor(value)
-        fraction = min(int((value - whole) * 2.0**32), 0xFFFF_FFFF)
-        packed += struct.pack(">Ih", fraction, whole)
+        integer = math.floor(value)
+        fraction = min(int((value - integer) * 2.0**32), 0xFFFF_FFFF)
+        packed += struct.pack(">Ih", fraction, integer)
     return packed
 
 

@@ -57,7 +57,7 @@ class AutopilotProcess:
         self._process.wait()  # removes the entry of the ended process from the process table
 
     def running(self) -> bool:
-        """Return whether the process is alive."""
+        """Return whether the process has not ended."""
         return self.exit_code() is None
 
     def exit_code(self) -> int | None:

@@ -40,8 +40,8 @@ class ViewPage:
             bufsize=0,
             start_new_session=True,
         )
-        assert self._process.stdin is not None  # noqa: S101 - as asked for
-        assert self._process.stdout is not None  # noqa: S101 - as asked for
+        assert self._process.stdin is not None  # noqa: S101 - it is a pipe
+        assert self._process.stdout is not None  # noqa: S101 - it is a pipe
         self._input, self._output = self._process.stdin, self._process.stdout
         output = self._output.readline(MAX_OUTPUT_BYTES).decode("utf-8", "replace").strip()
         if not output.startswith("page: "):

@@ -41,9 +41,12 @@ def test_devices_of_every_compass_and_servo_are_created(compass, servo):
     assert set(make_emulators(CALM_WORLD, vehicle, 1)) == {"compass", "position", "rudder"}
 
 
-def test_seed_determines_all_output():
-    outputs = [outputs_of(standard_vehicle(), seed) for seed in (1, 1, 2)]
-    assert outputs[0] == outputs[1] != outputs[2]
+@pytest.mark.parametrize("compass", ["nmea", "mti"])
+def test_seed_determines_all_output(compass):
+    vehicle = with_devices(standard_vehicle(), compass, None)
+    outputs = [outputs_of(vehicle, seed) for seed in (1, 1, 2)]
+    assert outputs[0] == outputs[1]
+    assert all(outputs[0][name] != outputs[2][name] for name in ("compass", "position"))
 
 
 def test_compass_sends_the_sentence_of_the_vehicle_file():

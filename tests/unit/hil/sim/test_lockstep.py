@@ -118,50 +118,44 @@ def test_time_advances_to_the_deadline_or_to_the_first_bytes(tmp_path):
         assert board.world.now_s == 0.5
 
 
-def test_bytes_on_a_line_that_is_not_awaited_end_a_later_wait_for_it(tmp_path):
-    with make_board(tmp_path, a=Device(), b=Device()) as board:
-        ports = board.paths()
-        script = [(0.1, {0: b"one"}, []), (0.3, {}, [1]), (0.9, {}, [0, 1]), (0.9, {1: b"two"}, [0]), (1.0, {}, [1])]
-        autopilot = Autopilot(tmp_path / "clock", [ports["a"], ports["b"]], script)
-        serve_all(board, autopilot)
-        assert autopilot.records == [
-            (0.1, [b"", b""]),
-            (0.3, [b"", b""]),
-            (0.3, [b"ONE", b""]),  # arrived at 0.125
-            (0.9, [b"", b""]),
-            (0.9, [b"", b"TWO"]),
-        ]
-
-
-def test_unread_bytes_end_the_next_wait(tmp_path):
-    with make_board(tmp_path, a=Device()) as board:
-        script = [(0.1, {0: b"one"}), (0.3, {}, [0], []), (0.9, {}, [], []), (1.0, {}, [0], []), (1.0, {})]
-        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
-        serve_all(board, autopilot)
-        assert autopilot.records == [(0.1, [b""]), (0.125, [b""]), (0.9, [b""]), (0.9, [b""]), (0.9, [b"ONE"])]
-
-
-def test_bytes_that_were_read_do_not_end_a_wait(tmp_path):
-    with make_board(tmp_path, a=Device()) as board:
-        script = [(0.1, {0: b"one"}), (0.3, {}, [], [0]), (0.9, {})]
-        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
-        serve_all(board, autopilot)
-        assert autopilot.records == [(0.1, [b""]), (0.3, [b"ONE"]), (0.9, [b""])]
-
-
-def test_outputs_on_a_line_without_requests_are_reported_with_their_times(tmp_path):
-    with make_board(tmp_path, a=Device(0.25), b=Device(0.375)) as board:
-        ports = board.paths()
-        script = [(0.3, {}), (0.9, {}), (0.9, {0: b"x"}), (0.9, {}), (0.9, {})]
-        autopilot = Autopilot(tmp_path / "clock", [ports["a"], ports["b"]], script)
-        serve_all(board, autopilot)
-        assert autopilot.records == [
+NEVER = math.inf
+# Periods of the devices a and b, script, records.
+WAITS = {
+    "bytes on a line that is not awaited end a later wait for it": (
+        (NEVER, NEVER),
+        [(0.1, {0: b"one"}, []), (0.3, {}, [1]), (0.9, {}, [0, 1]), (0.9, {1: b"two"}, [0]), (1.0, {}, [1])],
+        [(0.1, [b"", b""]), (0.3, [b"", b""]), (0.3, [b"ONE", b""]), (0.9, [b"", b""]), (0.9, [b"", b"TWO"])],
+    ),
+    "unread bytes end the next wait": (
+        (NEVER,),
+        [(0.1, {0: b"one"}), (0.3, {}, [0], []), (0.9, {}, [], []), (1.0, {}, [0], []), (1.0, {})],
+        [(0.1, [b""]), (0.125, [b""]), (0.9, [b""]), (0.9, [b""]), (0.9, [b"ONE"])],
+    ),
+    "bytes that were read do not end a wait": (
+        (NEVER,),
+        [(0.1, {0: b"one"}), (0.3, {}, [], [0]), (0.9, {})],
+        [(0.1, [b""]), (0.3, [b"ONE"]), (0.9, [b""])],
+    ),
+    "outputs on a line without requests are reported with their times": (
+        (0.25, 0.375),
+        [(0.3, {}), (0.9, {}), (0.9, {0: b"x"}), (0.9, {}), (0.9, {})],
+        [
             (0.3, [b"0.2500;", b""], [(0.25, 0)]),
             (0.5, [b"0.5000;", b"0.3750;"], [(0.375, 1), (0.5, 0)]),
             (0.625, [b"X", b""]),
             (0.75, [b"0.7500;", b"0.7500;"], [(0.75, 1)]),
             (0.9, [b"", b""]),
-        ]
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize(("periods_s", "script", "records"), WAITS.values(), ids=WAITS)
+def test_wait_ends_at_its_deadline_or_with_bytes(tmp_path, periods_s, script, records):
+    with make_board(tmp_path, **dict(zip("ab", map(Device, periods_s), strict=False))) as board:
+        autopilot = Autopilot(tmp_path / "clock", list(board.paths().values()), script)
+        serve_all(board, autopilot)
+        assert autopilot.records == records
 
 
 def test_bytes_reach_the_device_at_the_time_of_writing(tmp_path):
