@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from firmware_py.common import records
 from firmware_py.common.intents import (
     Arm,
     ForgetParameters,
@@ -21,18 +22,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet, parse_file
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
-from firmware_py.common.records import (
-    DeviceHealth,
-    DeviceRole,
-    DeviceState,
-    Event,
-    FixType,
-    HeadingSample,
-    NorthReference,
-    PositionSample,
-    RudderFeedback,
-    Severity,
-)
+from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, NorthReference, RudderFeedback
 from firmware_py.core.autopilot import MAX_PENDING, Autopilot
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.core.state import State
@@ -69,53 +59,62 @@ class FakeClock:
         return [due[0][1]]
 
 
-class FakeCompass:
-    def __init__(self, call_log):
-        self.log, self.samples, self.heading_rad = call_log, [], 1.0
+class FakeDevice:
+    """A device that records when it is read; the next poll returns `samples`."""
 
-    def fileno(self):
-        return 10
-
-    def receive(self, now_s):
-        self.log.append(("receive", now_s))
-        self.samples.append(HeadingSample(now_s, self.heading_rad, NorthReference.TRUE))
-
-    def poll(self):
-        taken, self.samples = self.samples, []
-        return taken
-
-    def health(self, now_s):
-        return DeviceHealth(now_s, DeviceRole.COMPASS, DeviceState.RUNNING, len(self.log), 0)
-
-
-class FakeRudder:
-    def __init__(self, call_log):
-        self.log, self.commands, self.feedback, self.receive_times_s = call_log, [], [], []
-        self.stuck = False
-        self.descriptor, self.prompt_replies = -1, 0  # number of replies that need prompt I/O
+    def __init__(self, role, descriptor=-1):
+        self.role, self.descriptor = role, descriptor
+        self.samples, self.receive_times_s = [], []
 
     def fileno(self):
         return self.descriptor
 
+    def receive(self, now_s):
+        self.receive_times_s.append(now_s)
+
+    def poll(self):
+        samples, self.samples = self.samples, []
+        return samples
+
+    def health(self, now_s):
+        return records.DeviceHealth(now_s, self.role, DeviceState.RUNNING, len(self.receive_times_s), 0)
+
+
+class FakeCompass(FakeDevice):
+    """A compass with a sample at each read."""
+
+    def receive(self, now_s):
+        super().receive(now_s)
+        self.samples.append(HeadingSample(now_s, 1.0, NorthReference.TRUE))
+
+
+class FakePosition(FakeDevice):
+    """A receiver with a fix at each poll."""
+
+    def poll(self):
+        return [records.PositionSample(0.0, records.FixType.FIX_3D, 0.1, 0.2, utc_s=2e9)]
+
+
+class FakeRudder(FakeDevice):
+    """A servo that reaches each command at once, or remains where it is (`is_stuck`)."""
+
+    def __init__(self, call_log):
+        super().__init__(DeviceRole.RUDDER)
+        self.log, self.commands = call_log, []
+        self.is_stuck = False
+        self.prompt_replies = 0  # number of replies that need prompt I/O
+
     def command(self, command, now_s):
         self.log.append(("command", now_s))
         self.commands.append((now_s, command))
-        angle_rad = 0.3 if self.stuck else command.shaft_rad
-        self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
+        self.samples.append(RudderFeedback(now_s + 0.002, 0.3 if self.is_stuck else command.shaft_rad))
 
     def needs_prompt_io(self):
         return self.prompt_replies > 0
 
     def receive(self, now_s):
-        self.receive_times_s.append(now_s)
+        super().receive(now_s)
         self.prompt_replies = max(0, self.prompt_replies - 1)
-
-    def poll(self):
-        taken, self.feedback = self.feedback, []
-        return taken
-
-    def health(self, now_s):
-        return DeviceHealth(now_s, DeviceRole.RUDDER, DeviceState.RUNNING, 0, 0)
 
 
 class FakeLink:
@@ -151,48 +150,11 @@ class FakeRecorder:
     def __init__(self):
         self.ticks = []
 
-    def offer(self, inputs, output, before):
-        self.ticks.append((inputs, output, before()))
+    def offer(self, inputs, output, previous_state):
+        self.ticks.append((inputs, output, previous_state()))
 
     def health(self, now_s):
-        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
-
-
-class FakePosition:
-    """A receiver with a fix at every poll."""
-
-    t_s = 0.0
-
-    def fileno(self):
-        return -1
-
-    def receive(self, now_s):
-        self.t_s = now_s
-
-    def poll(self):
-        return [PositionSample(self.t_s, FixType.FIX_3D, 0.1, 0.2, utc_s=2e9 + self.t_s)]
-
-    def health(self, now_s):
-        return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 0, 0)
-
-
-class FakePower:
-    """A battery monitor without samples."""
-
-    def __init__(self):
-        self.read_s = []
-
-    def fileno(self):
-        return 12
-
-    def receive(self, now_s):
-        self.read_s.append(now_s)
-
-    def poll(self):
-        return []
-
-    def health(self, now_s):
-        return DeviceHealth(now_s, DeviceRole.POWER, DeviceState.RUNNING, 0, 0)
+        return records.DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
 
 
 class FakeStore:
@@ -233,7 +195,7 @@ def boat():
     return LoopParts(
         clock=clock,
         autopilot=autopilot,
-        compass=FakeCompass(log),
+        compass=FakeCompass(DeviceRole.COMPASS, 10),
         position=None,
         rudder=FakeRudder(log),
         link=link,
@@ -339,7 +301,7 @@ def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, where):
 def test_samples_have_their_arrival_time(boat):
     boat.clock.plan = [(0.137, 10)]
     run_for(boat, 0.3)
-    assert ("receive", 0.137) in boat.link.log
+    assert 0.137 in boat.compass.receive_times_s
 
 
 def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
@@ -382,13 +344,13 @@ def test_loop_does_not_wait_on_a_connection_closed_by_service(boat, descriptor):
 
 
 def test_battery_monitor_is_read_at_the_ticks(boat):
-    power = FakePower()
+    power = FakeDevice(DeviceRole.POWER, 12)
     boat.power = (power,)
     boat.__post_init__()
     boat.clock.plan = [(0.137, power.fileno())]
     set_parameter(boat, "LOOP_LOCK", 0)
     run_for(boat, 0.35)
-    assert power.read_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert power.receive_times_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
 def test_link_is_not_served_shortly_before_a_deadline(boat):
@@ -566,7 +528,7 @@ def test_reset_deletes_stored_parameters_and_keeps_the_present_values(boat):
 def test_clock_step_changes_no_deadline_and_is_reported(boat):
     calendar = [1000.0]
     boat.clock_setter = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
-    boat.position = FakePosition()
+    boat.position = FakePosition(DeviceRole.POSITION)
     run_for(boat, 2.0)
     set_parameter(boat, "LOOP_LOCK", 0)
     assert calendar[1:] == pytest.approx([2e9], abs=3.0)
@@ -650,7 +612,7 @@ def test_rudder_that_passes_the_centre_is_not_yet_safe(boat):
     boat.rudder.commands.clear()
     boat.rudder.command = lambda command, now_s: (
         boat.rudder.commands.append((now_s, command)),
-        boat.rudder.feedback.append(RudderFeedback(now_s + 0.002, next(angles_rad))),
+        boat.rudder.samples.append(RudderFeedback(now_s + 0.002, next(angles_rad))),
     )
     make_safe(boat)
     assert len(boat.rudder.commands) == 7
@@ -665,14 +627,14 @@ def test_centred_rudder_ends_the_loop_after_two_readings(boat):
 
 
 def test_stuck_rudder_does_not_prevent_the_end(boat):
-    boat.rudder.stuck = True
+    boat.rudder.is_stuck = True
     run_for(boat, 0.2)
     assert boat.clock.t_s < 3.0
     assert len(boat.rudder.commands) > 15
 
 
 def test_start_problems_are_reported_with_the_first_tick(boat):
-    problem = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
+    problem = records.Event(records.Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
     boat.notices.append(problem)
     run_for(boat, 1.0)
     reported = [problem in output.events for output in boat.link.outputs]

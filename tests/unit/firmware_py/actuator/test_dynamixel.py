@@ -26,6 +26,13 @@ def rig(fakes, line):
     return make_rig(fakes, line)
 
 
+@pytest.fixture
+def running(rig):
+    """The rig after the configuration of the servo."""
+    rig.ticks(5)
+    return rig
+
+
 def counts(shaft_deg):
     return 2048 + round(math.radians(shaft_deg) / COUNT_RAD)
 
@@ -35,14 +42,23 @@ def writes(line, address):
     return [frame for frame in line.written if frame[7] in codes and int.from_bytes(frame[8:10], "little") == address]
 
 
+def assert_follows(rig, ticks, shaft_deg):
+    """Check that the servo reaches an angle within the ticks, with torque and watchdog; return the last feedback."""
+    feedback = rig.ticks(ticks, shaft_deg=shaft_deg)
+    servo = rig.servo
+    assert (servo.goal, servo.registers[64], servo.registers[98]) == (counts(shaft_deg), 1, 100)
+    assert rig.health().state is DeviceState.RUNNING
+    return feedback[-1]
+
+
 def make_rig(fakes, line, **options):
-    return fakes.rig(dynamixel_rudder(line, DynamixelOptions()), **options)
+    rig = fakes.rig(dynamixel_rudder(line, DynamixelOptions()), **options)
+    rig.servo = line.device
+    return rig
 
 
-def test_goal_is_sent_and_feedback_returned_within_five_ticks(rig, servo, line):
-    feedback = rig.ticks(5, shaft_deg=20.0)
-    assert servo.goal == counts(20.0)
-    last = feedback[-1]
+def test_goal_is_sent_and_feedback_returned_within_five_ticks(rig, servo):
+    last = assert_follows(rig, 5, 20.0)
     assert last.shaft_rad == pytest.approx((servo.goal - 2048) * COUNT_RAD)
     assert last.temperature_c == 31.0
     assert last.voltage_v == pytest.approx(12.1)
@@ -65,10 +81,8 @@ def test_eeprom_is_written_only_if_different_and_with_torque_off(rig, servo):
     servo.registers[11] = 1  # speed mode
     servo.registers[10] = 0x0D  # reversed, time based, torque on by goal
     servo.registers[64] = 1
-    rig.ticks(8, shaft_deg=5.0)
+    assert_follows(rig, 8, 5.0)
     assert sorted(servo.eeprom_writes) == [(9, 0, 0), (10, 0x01, 0), (11, 3, 0)]
-    assert servo.registers[64] == 1
-    assert rig.health().state is DeviceState.RUNNING
 
 
 def test_configured_servo_keeps_its_torque(rig, servo, line):
@@ -111,8 +125,8 @@ def test_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s):
     assert (servo.reads.count(98) > 0) is (separate_reads > 0)
 
 
-@pytest.mark.parametrize(("ticks", "first"), [(6, 64), (7, 116)])
-def test_tick_is_one_write_and_one_reply_with_the_accepted_goal(rig, line, servo, ticks, first):
+@pytest.mark.parametrize(("ticks", "first_address"), [(6, 64), (7, 116)])
+def test_tick_is_one_write_and_one_reply_with_the_accepted_goal(rig, line, servo, ticks, first_address):
     rig.ticks(ticks)
     rig.slack = 0
     line.written.clear()
@@ -120,7 +134,7 @@ def test_tick_is_one_write_and_one_reply_with_the_accepted_goal(rig, line, servo
     accepted = rig.health().accepted
     rig.rudder.command(RudderCommand(0.2, True), rig.now_s)
     assert servo.goal == 2048 + round(0.2 / COUNT_RAD)
-    assert (len(line.written), servo.reads) == (1, [first])
+    assert (len(line.written), servo.reads) == (1, [first_address])
     assert not rig.rudder.needs_prompt_io()  # the reply may be read in the next tick
     rig.rudder.receive(rig.now_s + 0.099)
     (feedback,) = rig.rudder.poll()
@@ -192,6 +206,10 @@ def test_goal_is_limited_to_the_position_limits(rig, servo):
     assert servo.goal == 1500
     rig.ticks(2, shaft_deg=45.0)
     assert rig.health().text.startswith("model")
+    servo.put(48, 2100, 4)  # changed limits are read after a rejected goal
+    rig.ticks(3, shaft_deg=60.0)
+    assert servo.goal == 2100
+    assert rig.health().state is DeviceState.RUNNING
 
 
 @pytest.mark.parametrize(("shaft_rad", "counts"), [(1e300, 4095), (-1e300, 0), (math.pi, 4095), (-math.pi, 0)])
@@ -201,84 +219,52 @@ def test_goal_is_limited_to_one_turn(rig, servo, shaft_rad, counts):
     assert servo.goal == counts
 
 
-def test_torque_follows_the_command(rig, servo, line):
-    rig.ticks(3)
-    feedback = rig.ticks(3, torque_on=False)
-    assert servo.registers[64] == 0
-    assert feedback[-1].torque_on is False
+def test_torque_follows_the_command(running, servo, line):
     line.written.clear()
-    rig.ticks(3, torque_on=False, shaft_deg=30.0)
+    servo.reads.clear()
+    feedback = running.ticks(1, torque_on=False)
+    assert (servo.registers[64], feedback[-1].torque_on) == (0, False)
+    assert [frame[7] for frame in line.written].count(frames.WRITE) == 1
+    assert set(servo.reads) <= {64, 98, 126}
+    line.written.clear()
+    assert running.ticks(3, torque_on=False, shaft_deg=30.0)[-1].torque_on is False
     assert not writes(line, 116)
-    rig.ticks(3, shaft_deg=30.0)
-    assert servo.registers[64] == 1
-    assert servo.goal == counts(30.0)
+    assert_follows(running, 3, 30.0)
+    running.slack = 20
+    for _ in range(6):
+        for torque_on in (False, True):
+            running.ticks(1, torque_on=torque_on)
+            assert servo.registers[64] == torque_on
 
 
-def test_long_power_loss_is_configured_again(rig, servo, line):
-    rig.ticks(5)
+@pytest.mark.parametrize("silent_ticks", [8, 200])
+def test_servo_is_configured_again_after_a_long_power_loss(running, servo, line, silent_ticks):
     servo.powered = False
-    assert rig.ticks(8) == []
-    assert rig.health().state is DeviceState.SILENT
+    assert running.ticks(silent_ticks) == []
+    assert running.health().state is DeviceState.SILENT
     assert writes(line, 116)
     servo.restart()
     servo.powered = True
-    feedback = rig.ticks(5, shaft_deg=-12.0)
-    assert rig.health().state is DeviceState.RUNNING
-    assert servo.registers[64] == 1
-    assert servo.registers[98] == 100
-    assert servo.goal == counts(-12.0)
-    assert feedback[-1].torque_on is True
-
-
-def test_combined_read_is_used_again_after_a_long_power_loss(rig, servo):
-    rig.ticks(5)
-    servo.powered = False
-    rig.ticks(200)
-    servo.restart()
-    servo.powered = True
-    rig.ticks(20)
+    assert assert_follows(running, 5, -12.0).torque_on is True
+    running.ticks(15)
     servo.reads.clear()
-    rig.ticks(40)
-    assert (servo.reads.count(64) >= 6, servo.reads.count(98)) == (True, 0)
+    running.ticks(40)
+    assert (servo.reads.count(64) >= 6, servo.reads.count(98)) == (True, 0)  # the combined read
 
 
-def test_short_power_loss_is_detected_and_configured_again(rig, servo):
-    rig.ticks(5)
+def test_short_power_loss_is_detected_and_configured_again(running, servo):
     servo.restart()
-    rig.ticks(12, shaft_deg=7.0)
-    assert servo.registers[64] == 1
-    assert servo.registers[98] == 100
-    assert servo.goal == counts(7.0)
+    assert_follows(running, 12, 7.0)
 
 
-def test_torque_can_be_switched_repeatedly(rig, servo):
-    rig.slack = 20
-    for _ in range(6):
-        rig.ticks(1, torque_on=False)
-        assert servo.registers[64] == 0
-        rig.ticks(1)
-        assert servo.registers[64] == 1
-
-
-def test_release_writes_only_the_torque(rig, servo, line):
-    rig.ticks(5)
-    line.written.clear()
-    servo.reads.clear()
-    rig.ticks(1, torque_on=False)
-    assert [frame[7] for frame in line.written].count(frames.WRITE) == 1
-    assert set(servo.reads) <= {64, 98, 126}
-
-
-def test_goal_is_sent_during_silence(rig, servo, line):
-    rig.ticks(5)
+def test_goal_is_sent_during_silence(running, servo, line):
     line.lose_replies = 10**6  # the servo receives, but its replies are lost
-    rig.ticks(12)
-    rig.ticks(4, shaft_deg=25.0)
+    running.ticks(12)
+    running.ticks(4, shaft_deg=25.0)
     assert servo.goal == counts(25.0)
-    assert rig.health().state is DeviceState.SILENT
+    assert running.health().state is DeviceState.SILENT
     line.lose_replies = 0
-    rig.ticks(4)
-    assert rig.health().state is DeviceState.RUNNING
+    assert_follows(running, 4, 25.0)
 
 
 @pytest.mark.parametrize("period_s", [0.1, 0.02])
@@ -320,15 +306,11 @@ def test_write_with_a_lost_reply_is_not_repeated(rig, servo):
     assert [address for address, *_ in servo.eeprom_writes] == [9]
 
 
-def test_watchdog_trip_is_cleared_without_switching_the_torque(rig, servo):
-    rig.ticks(5)
+def test_watchdog_trip_is_cleared_without_switching_the_torque(running, servo):
     servo.trip_watchdog()
-    rig.ticks(3, shaft_deg=15.0)
-    assert servo.registers[98] == 100
+    assert_follows(running, 3, 15.0)
     assert servo.ram_writes.count((98, 0)) == 1
     assert (64, 0) not in servo.ram_writes  # the watchdog is in the RAM
-    assert servo.goal == counts(15.0)
-    assert rig.health().state is DeviceState.RUNNING
 
 
 @pytest.mark.parametrize("ticks", range(6, 12))
@@ -357,46 +339,41 @@ def test_watchdog_is_read_at_its_interval_while_goals_are_sent(fakes, line, serv
 
 
 @pytest.mark.parametrize(("error", "name"), [(0x20, "overload"), (0x01, "input voltage"), (0x10, "electrical shock")])
-def test_shutdown_is_reported_and_rebooted_at_most_every_30_s(rig, servo, error, name):
-    rig.ticks(5)
+def test_shutdown_is_reported_and_rebooted_at_most_every_30_s(running, servo, line, error, name):
     servo.shut_down(error)
-    feedback = rig.ticks(8, shaft_deg=9.0)
-    assert feedback[-1].hardware_error == error
-    assert feedback[-1].torque_on is False
-    assert rig.health().state is DeviceState.FAULTY
-    assert rig.health().text == f"servo error: {name}, torque cut"
-    assert servo.reboots == 0
-    assert servo.ram_writes.count((64, 1)) == 1
-    rig.ticks(30, shaft_deg=9.0)
+    feedback = running.ticks(8, shaft_deg=9.0)
+    assert (feedback[-1].hardware_error, feedback[-1].torque_on) == (error, False)
+    health = running.health()
+    assert (health.state, health.text) == (DeviceState.FAULTY, f"servo error: {name}, torque cut")
+    assert (servo.reboots, servo.ram_writes.count((64, 1))) == (0, 1)
+    assert_follows(running, 30, 9.0)
     assert servo.reboots == 1
-    assert rig.health().state is DeviceState.RUNNING
-    assert servo.goal == counts(9.0)
+    reboot = [frame[7] for frame in line.written].index(frames.REBOOT)
+    assert line.written[reboot + 1] == frames.read(1, 8, 6)  # all registers are read again
     servo.shut_down(error)
-    rig.ticks(200)
+    running.ticks(200)
     assert servo.reboots == 1
-    rig.ticks(150)
+    running.ticks(150)
     assert servo.reboots == 2
 
 
 @pytest.mark.parametrize("extra_ticks", range(6))
-def test_hardware_error_is_reported_within_four_ticks(rig, servo, extra_ticks):
-    rig.ticks(5 + extra_ticks)
+def test_hardware_error_is_reported_within_four_ticks(running, servo, extra_ticks):
+    running.ticks(extra_ticks)
     servo.shut_down(0x20)
-    rig.ticks(4)
-    assert rig.health().state is DeviceState.FAULTY
+    running.ticks(4)
+    assert running.health().state is DeviceState.FAULTY
 
 
-def test_error_is_discarded_when_the_line_is_reopened(rig, servo, line):
-    rig.ticks(5)
+def test_error_is_discarded_when_the_line_is_reopened(running, servo, line):
     servo.shut_down(0x20)
-    rig.ticks(8)
-    assert rig.health().text == "servo error: overload, torque cut"
+    running.ticks(8)
     line.unplug()
     servo.powered = False
-    rig.ticks(1)
+    running.ticks(1)
     line.plug()
-    rig.ticks(1)
-    assert (rig.health().state, rig.health().text) == (DeviceState.STARTING, "model 1170, firmware 47")
+    running.ticks(1)
+    assert (running.health().state, running.health().text) == (DeviceState.STARTING, "model 1170, firmware 47")
 
 
 def test_torque_is_not_requested_again_after_a_hardware_error(rig, servo):
@@ -406,43 +383,23 @@ def test_torque_is_not_requested_again_after_a_hardware_error(rig, servo):
     assert servo.ram_writes.count((64, 1)) == 1
 
 
-def test_servo_with_an_error_can_be_released(rig, servo):
-    rig.ticks(5)
-    servo.registers[70] = 0x01
-    rig.ticks(8)
-    assert servo.registers[64] == 1
-    rig.ticks(3, torque_on=False)
-    assert servo.registers[64] == 0
-
-
-def test_all_registers_are_read_after_a_reboot(rig, servo, line):
-    rig.ticks(5)
-    servo.shut_down(0x20)
-    rig.ticks(50)
-    rebooted = [frame[7] for frame in line.written].index(frames.REBOOT)
-    assert line.written[rebooted + 1] == frames.read(1, 8, 6)  # the first block
-
-
-def test_overheated_servo_is_rebooted_when_it_is_cool(rig, servo):
-    rig.ticks(5)
+def test_overheated_servo_is_rebooted_when_it_is_cool(running, servo):
     servo.shut_down(0x04)
     servo.registers[146] = 78
-    rig.ticks(100)
+    running.ticks(100)
     assert servo.reboots == 0
     servo.registers[146] = 55
-    rig.ticks(3)
+    running.ticks(3)
     assert servo.reboots == 1
 
 
-def test_error_with_torque_on_is_only_reported(rig, servo):
-    rig.ticks(5)
+def test_error_with_torque_on_is_reported_and_the_servo_can_be_released(running, servo):
     servo.registers[70] = 0x01
-    feedback = rig.ticks(60, shaft_deg=6.0)
-    assert servo.reboots == 0
-    assert rig.health().state is DeviceState.FAULTY
-    assert rig.health().text == "servo error: input voltage"
-    assert servo.goal == counts(6.0)
-    assert feedback[-1].torque_on is True
+    feedback = running.ticks(60, shaft_deg=6.0)
+    assert (servo.reboots, servo.goal, feedback[-1].torque_on) == (0, counts(6.0), True)
+    assert (running.health().state, running.health().text) == (DeviceState.FAULTY, "servo error: input voltage")
+    running.ticks(3, torque_on=False)
+    assert servo.registers[64] == 0
 
 
 def test_servo_without_a_watchdog_is_used(rig, servo):
@@ -450,8 +407,7 @@ def test_servo_without_a_watchdog_is_used(rig, servo):
     rig.ticks(6, shaft_deg=11.0)
     assert servo.goal == counts(11.0)
     health = rig.health()
-    assert health.state is DeviceState.RUNNING
-    assert health.text == "servo rejects bus watchdog: access error"
+    assert (health.state, health.text) == (DeviceState.RUNNING, "servo rejects bus watchdog: access error")
 
 
 def test_optional_correction_is_tried_three_times_and_then_every_30_s(rig, servo):
@@ -472,14 +428,6 @@ def test_eeprom_setting_without_effect_is_written_three_times(rig, servo):
     assert (64, 0) not in servo.ram_writes  # the torque stays on
     assert rig.health().text == "servo does not store return delay"
     assert servo.goal != 2048
-
-
-def test_changed_limits_are_read_again(rig, servo):
-    rig.ticks(4)
-    servo.put(48, 2100, 4)
-    rig.ticks(3, shaft_deg=60.0)
-    assert servo.goal == 2100
-    assert rig.health().state is DeviceState.RUNNING
 
 
 def test_values_out_of_range_are_rejected_separately(rig, servo):
@@ -509,12 +457,10 @@ def test_replies_of_another_servo_and_without_a_request_are_rejected(rig, line, 
     ("error", "torque_on", "text"),
     [(0x20, False, "servo error: overload, torque cut"), (0x28, True, "servo error: encoder, overload, torque cut")],
 )
-def test_no_reboot_without_a_torque_command_or_after_an_encoder_error(rig, servo, error, torque_on, text):
-    rig.ticks(5)
+def test_no_reboot_without_a_torque_command_or_after_an_encoder_error(running, servo, error, torque_on, text):
     servo.shut_down(error)
-    rig.ticks(60, torque_on=torque_on)
-    assert servo.reboots == 0
-    assert rig.health().text == text
+    running.ticks(60, torque_on=torque_on)
+    assert (servo.reboots, running.health().text) == (0, text)
 
 
 @pytest.mark.parametrize(
@@ -533,8 +479,6 @@ def test_rejected_essential_instruction_is_a_fault_until_it_succeeds(rig, servo,
     rig.ticks(10)
     assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, text)
     servo.write_errors.clear()
-    rig.ticks(20, shaft_deg=5.0)
-    assert rig.health().state is DeviceState.RUNNING
+    assert_follows(rig, 20, 5.0)
     assert rig.health().text.startswith("model")
-    assert servo.goal == counts(5.0)
     assert not rig.rudder.needs_prompt_io()

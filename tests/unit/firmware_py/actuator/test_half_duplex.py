@@ -21,7 +21,8 @@ def test_request_expires_once(bus):
     assert bus.pending_request == "request"
     assert bus.give_up_expired(1.021) == "request"
     assert bus.pending_request is None
-    assert bus.give_up_expired(2.0) is None
+    for now_s in range(2, 100):
+        assert bus.give_up_expired(float(now_s)) is None
 
 
 def test_blocked_line_leaves_no_pending_request(bus, line):
@@ -57,14 +58,6 @@ def test_after_a_reply_the_silence_timeout_starts_again(bus, late):
         bus.give_up_expired(now_s + 0.05)
     assert not bus.is_silent(3.499)
     assert bus.is_silent(3.501)
-
-
-def test_nothing_expires_without_a_request(bus):
-    for tick in range(100):
-        assert bus.give_up_expired(float(tick)) is None
-    bus.send(b"?", "request", 100.0)
-    bus.give_up_expired(101.0)
-    assert not bus.is_silent(101.0)
 
 
 def test_many_lost_replies_in_a_short_time_are_no_silence(bus):
@@ -118,13 +111,6 @@ def test_reply_after_the_maximum_delay_is_none(bus):
     assert bus.match_reply(starts_with("a")) is None
     assert bus.match_reply(starts_with("b")) is None
     assert bus.match_reply(starts_with("c")) == ("c1", 2.0, True, None)
-
-
-def test_late_reply_ends_silence(bus):
-    send_without_replies(bus, "a1", "b1", "c1", "d1")
-    assert bus.is_silent(3.0)
-    bus.match_reply(starts_with("c"))
-    assert not bus.is_silent(9.0)
 
 
 def test_reopening_discards_all_requests(bus, line):

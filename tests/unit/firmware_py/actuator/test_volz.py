@@ -116,11 +116,3 @@ def test_values_out_of_range_are_rejected(rig, servo):
     assert feedback[-1].temperature_c is None
     assert feedback[-1].voltage_v is None
     assert rig.health().rejected == 2
-
-
-def test_reply_without_a_request_is_rejected(rig, line, fakes):
-    rig.ticks(4)
-    line.inbox += fakes.volz_frame(0x2C, 1, 8, 0)
-    rig.rudder.receive(rig.now_s)
-    assert rig.health().rejected == 1
-    assert rig.rudder.poll() == ()
