@@ -1,4 +1,4 @@
-"""The fixed-rate loop: wait, poll, step, actuate, record, publish; the link is served in between."""
+"""The fixed-rate loop: wait, poll, step, actuate, record, publish; between ticks it serves the link."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MAX_LINK_FRACTION = 0.75
 MAX_EARLY_S = 2.0 * LOCK_MARGIN_S
 MAX_EARLY_FRACTION = 0.2
 COLLECT_INTERVAL_S = 60.0
-WATCHDOG_INTERVAL_S = 1.0  # the watchdogs time out after several of it
+WATCHDOG_INTERVAL_S = 1.0  # the timeouts of the watchdogs are several intervals
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
@@ -52,7 +52,7 @@ MIN_SAFE_READINGS = 2  # consecutive, because a rudder that moves to the other s
 
 @dataclass(slots=True)
 class LoopParts:
-    """Parts of the loop, wired by assemble."""
+    """Parts of the loop, connected by the package assemble."""
 
     clock: Clock
     autopilot: Autopilot

@@ -250,7 +250,7 @@ class DynamixelServo:
         goal_rad = self._shaft_rad if self._is_goal_due and self._torque_command else None
         if self._phase is Phase.SEARCH:
             is_goal_next = self._has_steered and not self._was_goal_last
-            return self._goal(goal_rad) if is_goal_next and goal_rad is not None else self._ping
+            return self._create_goal_request(goal_rad) if is_goal_next and goal_rad is not None else self._ping
         correction = self._configurator.next_request(
             now_s, torque_command=self._torque_command, is_in_use=self._phase is Phase.RUN
         )
@@ -262,10 +262,10 @@ class DynamixelServo:
             self._phase = Phase.RUN
         if goal_rad is not None and self._configurator.torque_on:
             self._has_steered = True
-            return self._goal(goal_rad)
+            return self._create_goal_request(goal_rad)
         return self._reboot if self._is_reboot_due(now_s) else self._readings.next_request(now_s)
 
-    def _goal(self, shaft_rad: float) -> Request:
+    def _create_goal_request(self, shaft_rad: float) -> Request:
         goal, read = table.GOAL_POSITION, self._goal_reads[self._goal_read_index]
         # A silent servo cannot show whether it supports the combined read.
         if self._goal_read_index == 0 and self._phase is Phase.RUN and self._readings.is_combined_due():

@@ -141,7 +141,7 @@ class Configurator:
                 if present is None or self._is_correct(setting, present):
                     continue
                 if not self._is_paused(setting.register.name, now_s):
-                    return self._correction(setting, present)
+                    return self._create_correction(setting, present)
                 if setting.is_essential:
                     self.has_failed = True
                     return None
@@ -175,7 +175,7 @@ class Configurator:
         self._attempts[name] = MAX_ATTEMPTS - 1
         return False
 
-    def _correction(self, setting: table.Setting, present: int) -> Request:
+    def _create_correction(self, setting: table.Setting, present: int) -> Request:
         register, value = setting.register, setting.corrected_value(present)
         if register.is_eeprom and self.torque_on:
             register, value = table.TORQUE_ENABLE, 0

@@ -136,10 +136,10 @@ REQUIRED_SETTINGS = (
 
 def goal_counts(shaft_rad: float, image: Image) -> int:
     """Return the goal position of a finite shaft angle, within the limits of the servo."""
-    return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, *_limits(image)))
+    return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, *_position_limits(image)))
 
 
-def _limits(image: Image) -> tuple[int, int]:
+def _position_limits(image: Image) -> tuple[int, int]:
     """Return the minimum and maximum position."""
     limits = image.get(LIMITS)
     high, low = (MAX_COUNTS, 0) if limits is None else _LIMITS.unpack(limits)
@@ -149,7 +149,7 @@ def _limits(image: Image) -> tuple[int, int]:
 
 def is_at_limit(counts: int, image: Image) -> bool:
     """Return whether a goal position is at a limit of the servo, also because it was limited."""
-    low, high = _limits(image)
+    low, high = _position_limits(image)
     return not low + AT_LIMIT_COUNTS <= counts <= high - AT_LIMIT_COUNTS
 
 

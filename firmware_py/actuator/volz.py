@@ -107,10 +107,10 @@ class VolzServo:
             value = self._temperature_c = reply.temperature_c()
         has_feedback = reply.code == frames.POSITION_REPLY or not self._torque_command
         return ReplyResult(
-            invalid_values=value is None, feedback=self._feedback(shaft_rad, sent_s) if has_feedback else None
+            invalid_values=value is None, feedback=self._create_feedback(shaft_rad, sent_s) if has_feedback else None
         )
 
-    def _feedback(self, shaft_rad: float | None, sent_s: float) -> RudderFeedback:
+    def _create_feedback(self, shaft_rad: float | None, sent_s: float) -> RudderFeedback:
         return RudderFeedback(
             t_s=sent_s,
             shaft_rad=shaft_rad,

@@ -2,7 +2,7 @@
 
 Requests and replies are six bytes without a header: code | id | argument 1 | argument 2 | CRC16 BE. The CRC (polynomial
 0x8005, initial value 0xFFFF, not reflected) covers the first four. Replies have other codes than requests, so an echo
-is not taken for a reply. Source: Volz DA 26 RS-485 protocol specification; for voltage, current and temperature,
+cannot be confused with a reply. Source: Volz DA 26 RS-485 protocol specification; for voltage, current and temperature,
 argument 1 is the first supply or the motor, argument 2 the second supply or the circuit board (as in ArduPilot's
 AP_Volz_Protocol).
 """

@@ -13,7 +13,7 @@ from firmware_py.common.plan import Plans
 from firmware_py.link.files.tree import FileRoot
 from firmware_py.log.disk import LocalDisk, log_files, newest_log_time_s
 from firmware_py.log.recorder import LogRecorder
-from firmware_py.sensors.receiver_time import DatedPosition
+from firmware_py.sensors.receiver_time import TimeCorrectedPosition
 from firmware_py.system.clock import LockstepClock
 from firmware_py.system.state_directory import LOG_DIRECTORY, UPLOAD_DIRECTORY
 
@@ -63,4 +63,4 @@ def with_corrected_times(
     """Return a receiver whose times are corrected by clock and logs; None without a receiver."""
     if position is None:
         return None
-    return DatedPosition(position, clock.utc_s, newest_log_time_s(directory / LOG_DIRECTORY), say)
+    return TimeCorrectedPosition(position, clock.utc_s, newest_log_time_s(directory / LOG_DIRECTORY), say)

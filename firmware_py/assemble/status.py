@@ -42,7 +42,7 @@ def report_status(
         "vehicle": vehicle.name,
         "state_directory": os.path.realpath(state_directory),
         "pid": os.getpid(),
-        "versions": _versions(commit),
+        "versions": _read_versions(commit),
     }
     sources = StatusSources(
         about=about,
@@ -68,7 +68,7 @@ def report_status(
     parts.after_tick = after_tick
 
 
-def _versions(commit: str) -> dict[str, str]:
+def _read_versions(commit: str) -> dict[str, str]:
     return {
         "rambler": __version__,
         "git": commit,

@@ -87,10 +87,12 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     On any error, all opened parts are closed again.
     """
     with ExitStack() as opened:
-        return Assembly(*_wire(vehicle, options, opened), opened.pop_all().close)
+        return Assembly(*_open_and_connect(vehicle, options, opened), opened.pop_all().close)
 
 
-def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console, Endings]:
+def _open_and_connect(
+    vehicle: Vehicle, options: Options, opened: ExitStack
+) -> tuple[LoopParts, Endpoint, Console, Endings]:
     """Open and connect all parts; `opened` closes them in reverse order."""
     opened.callback(commit := start_commit_query(ROOT))  # git runs while lines and state are opened
     console = opened.enter_context(closing(Console()))
@@ -148,7 +150,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         tick_on_compass=options.lockstep is None,
     )
     links = status_reader(endpoint, outputs)
-    _wire_reports(vehicle, options, parts, links, version.commit, console, opened)
+    _connect_reports(vehicle, options, parts, links, version.commit, console, opened)
     connect_nmea_outputs(outputs, parts)
     return parts, endpoint, console, endings
 
@@ -161,7 +163,7 @@ def _create_start_state(
     return resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
 
 
-def _wire_reports(
+def _connect_reports(
     vehicle: Vehicle,
     options: Options,
     parts: LoopParts,

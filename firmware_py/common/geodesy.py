@@ -135,11 +135,11 @@ def track(start: Place, end: Place, position: Place) -> Track | None:
     return Track(
         -EARTH_RADIUS_M * math.asin(clamp(normal_part, -1.0, 1.0)),
         EARTH_RADIUS_M * remaining_rad,
-        _course(f, _cross(n, f)),
+        _tangent_course_rad(f, _cross(n, f)),
     )
 
 
-def _course(point: Vector, tangent: Vector) -> float:
+def _tangent_course_rad(point: Vector, tangent: Vector) -> float:
     """Return the course of a tangent vector at a point."""
     cos_latitude = math.hypot(point[0], point[1])
     east = (

@@ -55,7 +55,7 @@ class SatelliteStatus(msgspec.Struct, frozen=True):
     """A satellite link: the modem, its sessions since the start, and the credits used.
 
     `signal` is 0 to 5. `waiting` and `dropped` count outgoing messages. `session_age_s` is the time since the last
-    successful session. `blocked_reason` says why a session that is due does not start; empty if nothing prevents it.
+    successful session. `blocked_reason` is the reason why a due session does not start, empty if nothing prevents it.
     `refused` counts received messages that had no effect, by reason. A limit of 0 means no limit.
     """
 

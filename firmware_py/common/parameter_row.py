@@ -81,8 +81,8 @@ def real(
     return Parameter(name, to_single(default), low, high, unit, Kind.REAL, text, None, reboot)
 
 
-def whole(name: str, default: int, low: int, high: int, unit: str, text: str, *, reboot: bool = False) -> Parameter:
-    """Return a row of a whole number."""
+def integer(name: str, default: int, low: int, high: int, unit: str, text: str, *, reboot: bool = False) -> Parameter:
+    """Return a row of an INTEGER parameter."""
     return Parameter(name, default, low, high, unit, Kind.INTEGER, text, None, reboot)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode
-from firmware_py.common.parameter_row import Parameter, choice, constant, count, real, whole
+from firmware_py.common.parameter_row import Parameter, choice, constant, count, integer, real
 
 _OFF_ON = {0: "off", 1: "on"}
 
@@ -44,7 +44,7 @@ TABLE: tuple[Parameter, ...] = (
     constant("ARMING_CHECK", 1, "all", "Checks before arming, for ground stations that report disabled checks."),
     constant("ARMING_SKIPCHK", 0, "none", "Checks left out before arming (the name since ArduPilot 4.7)."),
     real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which SUPPLY_LOW is set. 0: never."),
-    whole("BOOT_ARM", 0, 0, 1, "",
+    integer("BOOT_ARM", 0, 0, 1, "",
         "Arming at start. 1: armed without a command, for a boat that must continue after a power cut."),
     choice("BOOT_MODE", 4, {mode.value: mode.name.lower() for mode in Mode}, "Mode at start."),
     choice("BOOT_RESUME", 0, {0: "nothing", 1: "mode, goal and mission", 2: "mode, goal, mission and arming"},
@@ -116,7 +116,7 @@ TABLE: tuple[Parameter, ...] = (
         "Autopilot type in the heartbeat. ArduPilot: modes and go-to work in QGroundControl and MAVSDK.", reboot=True),
     choice("LNK_MAVLINK1", 1, {0: "refused", 1: "accepted"}, "MAVLink 1 frames, which cannot be signed."),
     real("LNK_SAT_S", 120.0, 10.0, 3600.0, "s", "Interval of HIGH_LATENCY2 on a satellite link that has requested it."),
-    whole("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
+    integer("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
     choice("LOG_ENABLE", 1, _OFF_ON, "Onboard log.", reboot=True),
     real("LOG_FILE_MB", 64.0, 1.0, 1024.0, "MB",
         "Size at which a log file is closed and the next one begun.", reboot=True),
@@ -134,7 +134,7 @@ TABLE: tuple[Parameter, ...] = (
     choice("LOOP_LOCK", 1, _OFF_ON,
         "Alignment of the ticks to the compass: they drift to just after the arrival of its samples. The rate does "
         "not change."),
-    whole("LOOP_RATE_HZ", 10, 1, 50, "Hz", "Rate of the control loop."),
+    integer("LOOP_RATE_HZ", 10, 1, 50, "Hz", "Rate of the control loop."),
     real("MAN_TIMEOUT_S", 3.0, 0.5, 60.0, "s", "Time without a message after which a joystick is released."),
     real("MDL_ALPHA_S2", 17.0, 0.0, 1000000.0, "s^2",
         "Norrbin coefficient of the K-T model at MDL_SPEED. 0: linear model."),
@@ -154,14 +154,14 @@ TABLE: tuple[Parameter, ...] = (
     real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s",
         "Maximum age of a valid position; for a slow receiver at least 2.5 of its sample intervals. Smaller: "
         "earlier dead reckoning."),
-    whole("PWR_COMPANION", 0, 0, 255, "",
+    integer("PWR_COMPANION", 0, 0, 255, "",
         "MAVLink component id on the boat whose BATTERY_STATUS is used if the autopilot measures no battery "
         "itself. 0: none."),
     real("PWR_KEEP_PCT", 0.0, 0.0, 95.0, "%", "Battery charge below which FS_BATT_ACT is taken. 0: never."),
     real("PWR_KEEP_VOLT", 0.0, 0.0, 100.0, "V", "Battery voltage below which FS_BATT_ACT is taken. 0: never."),
     real("PWR_LNK_FACTOR", 5.0, 1.0, 100.0, "",
         "Factor on the telemetry intervals while saving power. Larger: less telemetry."),
-    whole("PWR_LOOP_HZ", 5, 2, 50, "Hz", "Maximum rate of the control loop while saving power."),
+    integer("PWR_LOOP_HZ", 5, 2, 50, "Hz", "Maximum rate of the control loop while saving power."),
     real("PWR_PRICE", 3.0, 1.0, 10.0, "", "Factor on CTL_PRICE while saving power. Larger: less rudder travel."),
     real("PWR_SAVE_PCT", 0.0, 0.0, 95.0, "%", "Battery charge below which the autopilot saves power. 0: never."),
     real("PWR_SAVE_VOLT", 0.0, 0.0, 100.0, "V", "Battery voltage below which the autopilot saves power. 0: never."),
@@ -185,10 +185,10 @@ TABLE: tuple[Parameter, ...] = (
         "intervals."),
     real("SBD_CHECK_H", 12.0, 0.0, 720.0, "h",
         "Time without a satellite session after which the autopilot checks for messages. 0: never."),
-    whole("SBD_CREDIT_B", 50, 1, 340, "", "Bytes per credit of the satellite provider."),
-    whole("SBD_CSQ_MIN", 2, 0, 5, "", "Minimum satellite signal, 0 to 5, to begin a session."),
-    whole("SBD_DAY_CRED", 50, 0, 100000, "", "Maximum satellite credits per UTC day. 0: no limit."),
-    whole("SBD_MONTH_CRED", 1500, 0, 1000000, "", "Maximum satellite credits per UTC month. 0: no limit."),
+    integer("SBD_CREDIT_B", 50, 1, 340, "", "Bytes per credit of the satellite provider."),
+    integer("SBD_CSQ_MIN", 2, 0, 5, "", "Minimum satellite signal, 0 to 5, to begin a session."),
+    integer("SBD_DAY_CRED", 50, 0, 100000, "", "Maximum satellite credits per UTC day. 0: no limit."),
+    integer("SBD_MONTH_CRED", 1500, 0, 1000000, "", "Maximum satellite credits per UTC month. 0: no limit."),
     real("SBD_MT_DAYS", 7.0, 0.1, 365.0, "d",
         "Maximum age of a keyed satellite message to the boat; older ones are refused."),
     real("SBD_REPORT_MIN", 60.0, 0.0, 10080.0, "min", "Interval of satellite reports. 0: only when the mode changes."),

@@ -67,11 +67,13 @@ def similar_names(name: str) -> tuple[str, ...]:
     """Return the three most similar names of the table: by common words, then by common prefix."""
     upper_name = name[:MAX_NAME_LENGTH].upper()
     words = frozenset(upper_name.split("_"))
-    similarity = {row: (-len(words & _WORDS_BY_NAME[row]), -_common_prefix(row, upper_name), row) for row in INDEX}
+    similarity = {
+        row: (-len(words & _WORDS_BY_NAME[row]), -_common_prefix_length(row, upper_name), row) for row in INDEX
+    }
     return tuple(sorted(INDEX, key=similarity.__getitem__)[:3])
 
 
-def _common_prefix(first: str, second: str) -> int:
+def _common_prefix_length(first: str, second: str) -> int:
     count = 0
     for left, right in zip(first, second, strict=False):
         if left != right:
@@ -94,7 +96,7 @@ def parse_file(text: str, source: str) -> dict[str, float]:
         if not fields:
             continue
         try:
-            name, value = _name_and_value(fields, line)
+            name, value = _parse_name_and_value(fields, line)
             values[name] = TABLE[index_of(name)].check(value)
         except ParameterError as error:
             problems.append(f"{source}:{number}: {error}")
@@ -106,7 +108,7 @@ def parse_file(text: str, source: str) -> dict[str, float]:
     return values
 
 
-def _name_and_value(fields: Sequence[str], line: str) -> tuple[str, float]:
+def _parse_name_and_value(fields: Sequence[str], line: str) -> tuple[str, float]:
     if len(fields) not in (2, 5):
         raise ParameterError(f"expected NAME VALUE, found {line.strip()[:60]!r}")
     name, text = (fields[2], fields[3]) if len(fields) == 5 else fields

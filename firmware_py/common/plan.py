@@ -22,7 +22,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import radians
 from firmware_py.common.geodesy import Place
-from firmware_py.common.reading_notes import Location, abbreviated
+from firmware_py.common.reading_notes import Location, abbreviate
 
 MAX_PLAN_ITEMS = 2000
 _ITEM = struct.Struct("<BHB4fiif")
@@ -179,7 +179,7 @@ _VERSION: Final = 1
 def drop_unknown(data: Any, location: Location) -> None:
     """Remove and report unknown fields of the plain values of a plan."""
     for name in sorted(data.keys() - _FIELDS) if isinstance(data, dict) else ():
-        location.note(f"field {abbreviated(name)} is not known here, ignored")
+        location.note(f"field {abbreviate(name)} is not known here, ignored")
         del data[name]
 
 
@@ -200,8 +200,8 @@ def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
     location = Location("plan", {})
     version = stored.get("version", _VERSION)
     if type(version) is not int or version > _VERSION:
-        location.add(f"written by a later version ({abbreviated(version)}, here {_VERSION}), read by name")
+        location.add(f"written by a later version ({abbreviate(version)}, here {_VERSION}), read by name")
     for name in sorted(stored.keys() - {"version", "plan", "$"}):
-        location.add(f"field {abbreviated(name)} is not known here, ignored")
+        location.add(f"field {abbreviate(name)} is not known here, ignored")
     drop_unknown(stored["plan"], location)
     return from_plain(stored["plan"]), tuple(location.notes)

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 MAX_NOTES = 50
-MAX_INTEGER = 1 << 1023  # fits into a double
+MAX_INTEGER = 1 << 1023  # it can be converted to a double
 
 
 class Location(msgspec.Struct, frozen=True):
@@ -27,19 +27,19 @@ class Location(msgspec.Struct, frozen=True):
         elif sentence not in self.notes:
             self.notes["and more"] = None
 
-    def below(self, name: str) -> Location:
+    def field(self, name: str) -> Location:
         """Return the location of a field."""
         return Location(f"{self.path}.{name}", self.notes)
 
 
-def number(data: Any) -> Any:
+def check_number(data: Any) -> Any:
     """Return a number unchanged; ValueError for anything else."""
     if type(data) is not float and (type(data) is not int or abs(data) > MAX_INTEGER):
-        raise ValueError(f"expected a number, found {abbreviated(data)}")
+        raise ValueError(f"expected a number, found {abbreviate(data)}")
     return data
 
 
-def abbreviated(data: Any) -> str:
+def abbreviate(data: Any) -> str:
     """Return data as text for a message, at most 60 characters."""
     text = ascii(data)
     return text if len(text) <= 60 else text[:57] + "..."

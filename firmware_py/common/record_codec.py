@@ -8,11 +8,11 @@ read in the shape of the default.
 
 Encoded records can be read by later versions:
 
-* A missing field takes its default.
+* A missing field has its default value.
 * An unknown field is ignored and reported with its path.
 * A field whose value cannot be used is ignored and reported; its default applies. Where it has no default, the record
-  that contains it is ignored in the same way. ValueError says why the outermost record cannot be read.
-* A field that was renamed is found under its former name (`FORMER_NAMES`). A renamed class of a union keeps its former
+  that contains it is ignored in the same way. If that is the outermost record, ValueError contains the reason.
+* A renamed field is also read by its former name (`FORMER_NAMES`). A renamed class of a union keeps its former
   name as its tag.
 """
 
@@ -31,7 +31,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 import numpy as np
 
-from firmware_py.common.reading_notes import Location, abbreviated
+from firmware_py.common.reading_notes import Location, abbreviate
 
 RecordT = TypeVar("RecordT")
 
@@ -109,7 +109,7 @@ NO_HOOKS: Final = Hooks()
 
 def encode(record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS) -> bytes:
     """Return a record and its version as msgpack."""
-    return msgspec.msgpack.encode(to_plain(record, version, hooks, kept=(bytes,)))
+    return msgspec.msgpack.encode(to_plain(record, version, hooks, unchanged_types=(bytes,)))
 
 
 def decode(kind: type[RecordT], data: bytes, version: int, hooks: Hooks = NO_HOOKS) -> tuple[RecordT, tuple[str, ...]]:
@@ -143,13 +143,13 @@ def text_of(plain: Mapping[str, Any]) -> str:
 
 
 def to_plain(
-    record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS, kept: tuple[type, ...] = ()
+    record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS, unchanged_types: tuple[type, ...] = ()
 ) -> dict[str, Any]:
-    """Return a record and its version as dictionaries, lists, texts and numbers; bytes are base64 unless `kept`."""
+    """Return a record and its version as plain values; bytes become base64 unless they are in `unchanged_types`."""
     if VERSION in record.__struct_fields__:
         raise TypeError(f"{type(record).__name__}: a field cannot be named {VERSION!r}")
     encode_other = partial(_encode_other, hooks.encode)
-    plain = msgspec.to_builtins(record, builtin_types=kept, enc_hook=encode_other)
+    plain = msgspec.to_builtins(record, builtin_types=unchanged_types, enc_hook=encode_other)
     return {VERSION: version, **_name_record(type(record), plain, Location("", {}), hooks)}
 
 
@@ -175,7 +175,7 @@ def from_plain(
     """Return the record described by plain values, which are changed in place, and notes on ignored parts."""
     location = Location(kind.__name__, {})
     if not isinstance(plain, dict):
-        raise ValueError(f"expected a record of {kind.__name__}, found {abbreviated(plain)}")  # noqa: TRY004 -- bad data
+        raise ValueError(f"expected a record of {kind.__name__}, found {abbreviate(plain)}")  # noqa: TRY004 -- bad data
     _check_version(plain, version, location)
     plain = _visit_record(kind, plain, location, hooks)
     decode_other = partial(_decode_other, hooks.decode)
@@ -191,13 +191,13 @@ _EARLY: Final = "written as text by an early development version, which this ver
 
 
 def _check_version(plain: dict[str, Any], version: int, location: Location) -> None:
-    found = plain.pop(VERSION, None)
+    written_version = plain.pop(VERSION, None)
     if EARLY_TAG in plain:
         raise ValueError(_EARLY)
-    if type(found) is not int or found < 1:
+    if type(written_version) is not int or written_version < 1:
         raise ValueError(f"{location.path}: no version number")
-    if found > version:
-        location.note(f"written by a later version ({abbreviated(found)}, here {version}), read by name")
+    if written_version > version:
+        location.note(f"written by a later version ({abbreviate(written_version)}, here {version}), read by name")
 
 
 def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, location: Location) -> None:
@@ -238,7 +238,7 @@ def _visit_record(kind: Any, value: Any, location: Location, hooks: Hooks) -> An
     _drop_unknown(value, visits.keys() | {kind.__struct_config__.tag_field}, location)
     for name, visit in visits.items():
         if visit is not None and name in value:
-            value[name] = visit(value[name], location.below(name), hooks)
+            value[name] = visit(value[name], location.field(name), hooks)
     return value
 
 
@@ -247,19 +247,19 @@ def _visit_named(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any
     if value is None:
         value = {}
     if not isinstance(value, dict):
-        location.note(f"expected fields by name, found {abbreviated(value)}, ignored")
+        location.note(f"expected fields by name, found {abbreviate(value)}, ignored")
         return None
     _rename(kind, value)
     _drop_unknown(value, kind._fields, location)
     values, hints = [], typing.get_type_hints(kind)
     for name, visit in _field_visits(kind).items():
-        item, item_location = value.get(name), location.below(name)
+        item, item_location = value.get(name), location.field(name)
         if visit is not None:
             item = visit(item, item_location, hooks)
         if item is not None:
             try:
                 if isinstance(default := kind._field_defaults[name], np.ndarray):
-                    item = _array(item, default)
+                    item = _convert_array(item, default)
                 msgspec.convert(item, hints[name])
             except msgspec.ValidationError as error:
                 item_location.note(f"{ascii(str(error))[1:-1][:MAX_REASON_LENGTH]}, ignored")
@@ -268,7 +268,7 @@ def _visit_named(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any
     return values
 
 
-def _array(value: Any, default: Any) -> Any:
+def _convert_array(value: Any, default: Any) -> Any:
     """Return lists of floats as an array; msgspec.ValidationError if the shape differs from the default."""
     hint: Any = float
     for length in reversed(default.shape):
@@ -284,7 +284,7 @@ def _rename(kind: Any, plain: dict[str, Any]) -> None:
 
 def _drop_unknown(plain: dict[str, Any], known: Collection[str], location: Location) -> None:
     for name in [name for name in plain if name not in known]:
-        location.note(f"field {abbreviated(name)} is not known here, ignored")
+        location.note(f"field {abbreviate(name)} is not known here, ignored")
         del plain[name]
 
 

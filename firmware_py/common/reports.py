@@ -32,14 +32,14 @@ class Home(msgspec.Struct, frozen=True):
 class MissionReport(msgspec.Struct, frozen=True):
     """Progress of the mission; `index` counts from 0, None without a current item.
 
-    The operator counts from `first_item_number` (plan.first_item_number). `reached` are the items reached in this tick;
-    `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
+    The operator counts from `first_item_number` (plan.first_item_number). `reached_items` are those reached in this
+    tick; `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
     """
 
     state: MissionState = MissionState.NO_MISSION
     index: int | None = None
     count: int = 0
-    reached: tuple[int, ...] = ()
+    reached_items: tuple[int, ...] = ()
     identities: tuple[int, int, int] = (0, 0, 0)
     first_item_number: int = 0
 

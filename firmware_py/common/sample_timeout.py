@@ -3,7 +3,7 @@
 One parameter, the minimum timeout, is suitable for a compass of 1 Hz and one of 50 Hz. A slower source may miss one
 sample, but not two.
 
-Numeric core: functions over floats, compiled by the laboratory as they stand (hil/lab/numeric_core.py); NaN means
+Numeric core: functions over floats, which the lab compiles unchanged (hil/lab/numeric_core.py); NaN means
 absent.
 """
 

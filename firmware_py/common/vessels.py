@@ -108,14 +108,14 @@ class Vessel(msgspec.Struct, frozen=True):
     bearing_reported: bool = False
 
     @property
-    def distress(self) -> bool:
+    def is_distress_beacon(self) -> bool:
         """Whether it is a distress beacon."""
         return self.position.status == STATUS_DISTRESS or is_distress_number(self.position.mmsi)
 
     @property
     def is_other_vessel(self) -> bool:
         """Whether it is another vessel."""
-        return not (self.own or self.distress)
+        return not (self.own or self.is_distress_beacon)
 
     @property
     def is_avoidable(self) -> bool:
@@ -131,7 +131,7 @@ class Vessel(msgspec.Struct, frozen=True):
     @property
     def title(self) -> str:
         """The name, or the number if the name is unknown."""
-        if self.distress:
+        if self.is_distress_beacon:
             return f"Distress beacon {self.position.mmsi:09d}"
         return (self.identity.name if self.identity is not None else "") or f"MMSI {self.position.mmsi:09d}"
 

@@ -15,7 +15,7 @@ from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
-from firmware_py.common.reading_notes import Location, abbreviated, number
+from firmware_py.common.reading_notes import Location, abbreviate, check_number
 from firmware_py.common.record_codec import Hooks
 from firmware_py.core.state import State
 from firmware_py.faults.latch import LatchState
@@ -63,7 +63,7 @@ def _known_faults(names: Iterable[Any], location: Location) -> list[Fault]:
         if isinstance(name, str) and name in Fault.__members__:
             faults.append(Fault[name])
         else:
-            location.note(f"fault {abbreviated(name)} is not known here, ignored")
+            location.note(f"fault {abbreviate(name)} is not known here, ignored")
     return faults
 
 
@@ -73,7 +73,7 @@ def _number_times(plain: dict[str, Any], location: Location, *fields: str) -> No
         by_name = plain.get(field)
         if isinstance(by_name, dict):
             times: list[Any] = [None] * len(Fault)
-            for fault in _known_faults(by_name, location.below(field)):
+            for fault in _known_faults(by_name, location.field(field)):
                 times[fault] = by_name[fault.name]
             plain[field] = times
         elif field in plain:
@@ -85,7 +85,7 @@ def _number_bits(plain: dict[str, Any], location: Location, *fields: str) -> Non
     for field in fields:
         names = plain.get(field)
         if isinstance(names, list):
-            plain[field] = sum(1 << fault for fault in set(_known_faults(names, location.below(field))))
+            plain[field] = sum(1 << fault for fault in set(_known_faults(names, location.field(field))))
         elif field in plain:
             plain[field] = None  # refused by the decoder
 
@@ -98,18 +98,18 @@ def _prepare_latch(plain: dict[str, Any], location: Location) -> None:
 def _prepare_failsafe(plain: dict[str, Any], location: Location) -> None:
     _number_bits(plain, location, "active", "calling")
     if (name := plain.get("fault")) is not None:
-        plain["fault"] = next(iter(_known_faults([name], location.below("fault"))), None)
+        plain["fault"] = next(iter(_known_faults([name], location.field("fault"))), None)
 
 
 def _prepare_parameters(plain: Any, location: Location) -> None:
     """Remove and report parameters that are unknown or invalid."""
     for name, value in list(plain.items()) if isinstance(plain, dict) else ():
         if name not in INDEX:
-            location.note(f"parameter {abbreviated(name)} is not known here, ignored")
+            location.note(f"parameter {abbreviate(name)} is not known here, ignored")
             del plain[name]
             continue
         try:
-            plain[name] = TABLE[INDEX[name]].check(number(value))
+            plain[name] = TABLE[INDEX[name]].check(check_number(value))
         except ValueError as error:
             location.note(f"{'' if isinstance(error, ParameterError) else f'{name}: '}{error}; its default is taken")
             del plain[name]
@@ -127,7 +127,7 @@ def _decode(kind: type, plain: Any) -> Any:
     if kind is Plan:
         return plan.from_plain(plain)
     if not isinstance(plain, dict):
-        raise ValueError(f"expected parameters by name, found {abbreviated(plain)}")  # noqa: TRY004 -- bad data
+        raise ValueError(f"expected parameters by name, found {abbreviate(plain)}")  # noqa: TRY004 -- bad data
     return ParameterSet([plain.get(row.name, row.default) for row in TABLE])  # checked before
 
 

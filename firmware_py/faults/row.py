@@ -11,7 +11,7 @@ from firmware_py.common.records import DeviceState, Severity
 
 
 class Action(Enum):
-    """Action while a fault is set, beside the mode that a failsafe may choose; the values are texts of the page."""
+    """Action while a fault is set, in addition to a mode that a failsafe chooses; the values are texts of the page."""
 
     ALERT = "alert only (the boat reports it and continues its task)"
     HOLD_THEN_AMIDSHIPS = "hold the last rudder angle for CTL_HOLD_S, then centre the rudder"
@@ -95,9 +95,9 @@ def has_happened_within(age_s: float | None, max_age_s: float) -> bool:
 class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     """One fault: condition, debounce time and clear time, severity, action and texts.
 
-    `condition` describes `is_present` in words. `parameter` names the parameter that chooses a mode to enter beside
-    the action, in MANUAL too with `acts_in_manual`. `always_resumes`: the interrupted mode resumes after the fault
-    even without FS_RESUME. `arming_refusal` is the reason for which arming is refused; empty: it is not.
+    `condition` describes `is_present` in words. `parameter` names the parameter that chooses a mode to enter as well
+    (in MANUAL only with `acts_in_manual`). `always_resumes`: the interrupted mode resumes after the fault even without
+    FS_RESUME. `arming_refusal` is the reason for which arming is refused; empty: it is not.
     """
 
     condition: str

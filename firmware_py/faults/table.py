@@ -1,7 +1,7 @@
 """Table of faults: condition, debounce time, severity, action, parameter, texts and remedy of each.
 
 core/fault_conditions.py fills the FaultInput of a tick, latch.py applies debounce and clear times, and
-safety/failsafe.py and the modules named by the action carry out the action.
+safety/failsafe.py and the modules of the actions execute the actions.
 """
 
 from __future__ import annotations

@@ -116,6 +116,6 @@ def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first_n
         index=min(progress.index, count - 1) if count else None,
         first_item_number=first_number,
         count=count,
-        reached=state.reached,
+        reached_items=state.reached,
         identities=(plans.mission.identity, plans.fence.identity, plans.rally.identity),
     )

@@ -159,7 +159,7 @@ def _arrival_time_s(vessel: Vessel) -> float:
     """Return the time in which a vessel could arrive; it is -1 for distress beacons and 0 for near vessels."""
     if vessel.near_s is not None:
         return 0.0
-    if vessel.distress:
+    if vessel.is_distress_beacon:
         return -1.0
     if vessel.distance_m is None:
         return math.inf
@@ -233,7 +233,11 @@ def _report_distress(
 ) -> tuple[TrafficState, tuple[Event, ...]]:
     """Report the distress beacon with the oldest report, by bearing and distance if known, otherwise by position."""
     vessels = list(state.vessels)
-    due = [index for index, vessel in enumerate(vessels) if vessel.distress and _is_report_due(vessel, own, now_s)]
+    due = [
+        index
+        for index, vessel in enumerate(vessels)
+        if vessel.is_distress_beacon and _is_report_due(vessel, own, now_s)
+    ]
     if not due:
         return state, ()
     first_index = min(due, key=lambda index: _last_report_s(vessels[index]))

@@ -15,7 +15,7 @@ from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.link_status import LinkStatus, PeerStatus
-from firmware_py.common.reading_notes import abbreviated
+from firmware_py.common.reading_notes import abbreviate
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, Snapshot
 from firmware_py.link.wire.open_transport import NMEA, open_transport
@@ -284,7 +284,7 @@ def open_output(
     place, _, query = url.removeprefix(NMEA).partition("?")
     kind, _, rest = place.partition(":")
     if kind not in _KINDS:
-        raise LinkError(f"link {url[:120]!r}: {abbreviated(kind)} is not a way out for NMEA 0183; use {_FORMS}")
+        raise LinkError(f"link {url[:120]!r}: {abbreviate(kind)} is not a way out for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
     transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say, receives=False)
     needed = len(options.sentences) * LONGEST * options.rate_hz
@@ -307,7 +307,7 @@ def _options(url: str, query: str) -> NmeaOptions:
             rate_hz = rate
         else:
             raise LinkError(
-                f"link {url[:120]!r}: {abbreviated(item)}: there are sentences={','.join(TABLE)} "
+                f"link {url[:120]!r}: {abbreviate(item)}: there are sentences={','.join(TABLE)} "
                 f"and rate={_SLOWEST_HZ:g} to {_FASTEST_HZ:g} (Hz)"
             )
     return NmeaOptions(names, rate_hz)

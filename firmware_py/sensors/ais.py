@@ -73,7 +73,7 @@ class AisReceiver:
         dropped = 0
         for body, checksum in self._sentence_finder.feed(data):
             if self._sentence_budget.spend_one(now_s):
-                self._handle(body, checksum, now_s)
+                self._handle_sentence(body, checksum, now_s)
             else:
                 dropped += 1
         if dropped:
@@ -90,7 +90,7 @@ class AisReceiver:
         """Return the health of the device; every message with a report counts as accepted."""
         return self._monitor.health(now_s)
 
-    def _handle(self, body: bytes, checksum: int, now_s: float) -> None:
+    def _handle_sentence(self, body: bytes, checksum: int, now_s: float) -> None:
         try:
             message = self._assembler.add(body, checksum, now_s)
             reports = () if message is None else self._decode_message(message, now_s)

@@ -68,11 +68,11 @@ class DeviceMonitor:
 
     def health(self, now_s: float, fault: str = "") -> DeviceHealth:
         """Return the health record; `fault` is a fault reported by the device, empty for none."""
-        state = self._state(now_s, fault)
-        text = _printable_ascii(fault) if state is DeviceState.FAULTY else self._health_text(now_s, state)
+        state = self._determine_state(now_s, fault)
+        text = _printable_ascii(fault) if state is DeviceState.FAULTY else self._choose_text(now_s, state)
         return DeviceHealth(now_s, self._role, state, self._accepted, self._rejected, text)
 
-    def _state(self, now_s: float, fault: str) -> DeviceState:
+    def _determine_state(self, now_s: float, fault: str) -> DeviceState:
         if not self._line.connected:
             return DeviceState.ABSENT
         if self._last_accepted_s is None:
@@ -81,7 +81,7 @@ class DeviceMonitor:
             return DeviceState.SILENT
         return DeviceState.FAULTY if fault else DeviceState.RUNNING
 
-    def _health_text(self, now_s: float, state: DeviceState) -> str:
+    def _choose_text(self, now_s: float, state: DeviceState) -> str:
         if state is DeviceState.ABSENT:
             return _printable_ascii(f"no port {self._line.name}")
         if self._last_error and now_s - self._last_error_s <= ERROR_HOLD_S:

@@ -85,7 +85,7 @@ class MtiCompass:
         self._required = required_output(options.rate_hz)
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / options.rate_hz)
         self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
-        self._framer = xbus.framer()
+        self._framer = xbus.create_framer()
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._commands = {
             _Step.GO_TO_CONFIG: xbus.encode(Message.GO_TO_CONFIG),
@@ -108,7 +108,7 @@ class MtiCompass:
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send at most one command and one reply."""
         if self._monitor.notice_reopening():
-            self._framer = xbus.framer()
+            self._framer = xbus.create_framer()
             self._fault = ""
             self._restart_set_up(now_s)
         data = self._line.read()

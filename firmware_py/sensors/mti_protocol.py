@@ -91,7 +91,7 @@ _ERROR_TEXTS: Mapping[int, str] = {
     35: "its transmit buffer is full",
     36: "its transmit buffer overflowed",
     40: "device error: update its firmware",
-    41: "more data than the baud rate carries",
+    41: "more data than the baud rate allows",
     42: "its sample buffer overflowed",
 }
 
@@ -104,7 +104,7 @@ def encode(message: int, data: bytes = b"") -> bytes:
     return bytes((_PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
 
 
-def framer() -> PacketFramer:
+def create_framer() -> PacketFramer:
     """Return a framer for this protocol."""
     return PacketFramer(_HEADER, _MAX_HEADER_SIZE, _packet_size, _ByteSum())
 

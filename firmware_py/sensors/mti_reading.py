@@ -24,8 +24,8 @@ from firmware_py.sensors.mti_protocol import (
     DataId,
     Frame,
     Message,
+    create_framer,
     error_text,
-    framer,
     message_id,
     parse_items,
     payload,
@@ -113,7 +113,9 @@ def read_data(data: bytes) -> Reading:
     yaw_rate_deg_s = (
         None if turn_rad_s is None or is_clipped else _compute_yaw_rate_deg_s(roll_deg, pitch_deg, turn_rad_s)
     )
-    return Reading(frame, yaw_deg % 360.0, pitch_deg, _boat_roll_deg(roll_deg), yaw_rate_deg_s, temperature_c, status)
+    return Reading(
+        frame, yaw_deg % 360.0, pitch_deg, _compute_boat_roll_deg(roll_deg), yaw_rate_deg_s, temperature_c, status
+    )
 
 
 def _read_euler_deg(value: bytes, precision: int) -> tuple[float, ...]:
@@ -144,7 +146,7 @@ def _compute_yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple
     return degrees((y_rad_s * math.sin(roll_rad) + z_rad_s * math.cos(roll_rad)) / math.cos(pitch_rad))
 
 
-def _boat_roll_deg(roll_deg: float) -> float:
+def _compute_boat_roll_deg(roll_deg: float) -> float:
     """Return the roll of the boat: if the label of the device is up, its roll in NED differs by 180 degrees.
 
     Heading and pitch do not differ, because roll is the last of the three rotations. A capsized boat cannot be
@@ -163,36 +165,36 @@ def _unpack_numbers(value: bytes, precision: int, count: int, name: str) -> tupl
     return tuple(unpack(value[index : index + size]) for index in range(0, len(value), size))
 
 
-def _float32(raw: bytes) -> float:
+def _read_float32(raw: bytes) -> float:
     return float(struct.unpack(">f", raw)[0])
 
 
-def _fixed_12_20(raw: bytes) -> float:
+def _read_fixed_12_20(raw: bytes) -> float:
     return int.from_bytes(raw, "big", signed=True) / float(1 << 20)
 
 
-def _fixed_16_32(raw: bytes) -> float:
+def _read_fixed_16_32(raw: bytes) -> float:
     """Convert six bytes: four bytes of the fraction, then two of the integer part."""
     return int.from_bytes(raw[4:] + raw[:4], "big", signed=True) / float(1 << 32)
 
 
-def _float64(raw: bytes) -> float:
+def _read_float64(raw: bytes) -> float:
     return float(struct.unpack(">d", raw)[0])
 
 
 _PRECISIONS: Mapping[int, tuple[int, Callable[[bytes], float]]] = {
-    0: (4, _float32),
-    1: (4, _fixed_12_20),
-    2: (6, _fixed_16_32),
-    3: (8, _float64),
+    0: (4, _read_float32),
+    1: (4, _read_fixed_12_20),
+    2: (6, _read_fixed_16_32),
+    3: (8, _read_float64),
 }
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
-    return decode_packets(data, framer(), _result)
+    return decode_packets(data, create_framer(), _decode_message)
 
 
-def _result(packet: bytes) -> Result:
+def _decode_message(packet: bytes) -> Result:
     message, data = message_id(packet), payload(packet)
     head = {"message": Message(message).name}
     if message == Message.ERROR:

@@ -112,19 +112,19 @@ class NmeaCompass:
         else:
             self._turn_rate = (now_s, radians(turn_rate_deg_min / 60.0))
 
-    def _yaw_rate_rad_s(self, now_s: float) -> float | None:
+    def _recent_yaw_rate_rad_s(self, now_s: float) -> float | None:
         if self._turn_rate is None or now_s - self._turn_rate[0] > TURN_RATE_HOLD_S:
             return None
         return self._turn_rate[1]
 
-    def _attitude_rad(self, name: str, numbers: Numbers, now_s: float) -> float | None:
+    def _recent_attitude_rad(self, name: str, numbers: Numbers, now_s: float) -> float | None:
         """Return an angle of the sentence, else that of the last XDR; None if that is too old."""
         if name in numbers:
-            return _radians(numbers[name])
+            return _radians_or_none(numbers[name])
         t_s, angle_rad = self._attitude.get(name, (-math.inf, 0.0))
         return angle_rad if now_s - t_s <= ATTITUDE_HOLD_S else None
 
-    def _variation_of(self, true_deg: float, now_s: float) -> float | None:
+    def _find_variation(self, true_deg: float, now_s: float) -> float | None:
         """Return the variation contained in a true heading: that of HDG if both headings agree, else None."""
         if self._stated_variation is None or now_s - self._stated_variation[0] > TRUE_HOLD_S:
             return None
@@ -139,7 +139,7 @@ class NmeaCompass:
         if deviation_deg is not None and abs(deviation_deg) > MAX_DEVIATION_DEG and not variation_deg:
             true_deg, variation_deg = None, deviation_deg
         if true_deg is not None and variation_deg is None:
-            variation_deg = self._variation_of(true_deg, now_s)
+            variation_deg = self._find_variation(true_deg, now_s)
         elif true_deg is not None and variation_deg is not None:
             self._stated_variation = (now_s, true_deg, variation_deg)
         heading_deg = magnetic_deg if true_deg is None else true_deg
@@ -159,13 +159,13 @@ class NmeaCompass:
                 t_s=now_s,
                 heading_rad=wrap_two_pi(radians(heading_deg)),
                 reference=NorthReference.MAGNETIC if true_deg is None else NorthReference.TRUE,
-                variation_rad=_radians(variation_deg),
-                yaw_rate_rad_s=self._yaw_rate_rad_s(now_s),
-                roll_rad=self._attitude_rad("roll_deg", numbers, now_s),
-                pitch_rad=self._attitude_rad("pitch_deg", numbers, now_s),
+                variation_rad=_radians_or_none(variation_deg),
+                yaw_rate_rad_s=self._recent_yaw_rate_rad_s(now_s),
+                roll_rad=self._recent_attitude_rad("roll_deg", numbers, now_s),
+                pitch_rad=self._recent_attitude_rad("pitch_deg", numbers, now_s),
             )
         )
 
 
-def _radians(angle_deg: float | None) -> float | None:
+def _radians_or_none(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else radians(angle_deg)

@@ -18,7 +18,7 @@ Reader = Callable[[Fields], float | None]
 
 SECONDS_PER_DAY = 86400
 MAX_SPEED_M_S = 200.0
-FIRST_YEAR = 1980  # start of GPS time: a receiver without a date reports it
+MIN_YEAR = 1980  # start of GPS time: a receiver without a date reports it
 _EPOCH_ORDINAL = dt.date(1970, 1, 1).toordinal()
 _METRES_PER_SECOND = {"N": METRES_PER_SECOND_PER_KNOT, "K": 1.0 / 3.6, "M": 1.0, "S": 0.44704}
 
@@ -146,7 +146,7 @@ def short_date_field(time_index: int, date_index: int) -> Reader:
         if match is None:
             return None
         try:
-            return _utc_s(full_year(int(match[3])), int(match[2]), int(match[1]), seconds)
+            return _compute_utc_s(full_year(int(match[3])), int(match[2]), int(match[1]), seconds)
         except MessageError:
             return None
 
@@ -163,15 +163,15 @@ def long_date_field(time_index: int, day_index: int) -> Reader:
         if not all(parts) or not any(part.strip("0") for part in parts):
             return None
         day, month, year = (int(check_range(to_number(part) or 0.0, 1, 9999)) for part in parts)
-        return _utc_s(year, month, day, seconds)
+        return _compute_utc_s(year, month, day, seconds)
 
     return read
 
 
-def _utc_s(year: int, month: int, day: int, seconds: float | None) -> float | None:
+def _compute_utc_s(year: int, month: int, day: int, seconds: float | None) -> float | None:
     try:
         days = dt.date(year, month, day).toordinal() - _EPOCH_ORDINAL
     except ValueError:
         raise MessageError(RANGE, "date out of range") from None
-    check_range(year, FIRST_YEAR, 2099)
+    check_range(year, MIN_YEAR, 2099)
     return None if seconds is None else days * SECONDS_PER_DAY + seconds

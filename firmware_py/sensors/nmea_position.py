@@ -69,7 +69,7 @@ class _Epoch:
         if kind in FIX_SENTENCES:
             self.has_time = True
             self.time_of_day_s = decoded.numbers["time_of_day_s"]
-            self.fixes.append(_fix_of(decoded))
+            self.fixes.append(_decode_fix(decoded))
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,7 @@ class NmeaPosition:
                 course_over_ground_rad=None if course_deg is None else wrap_two_pi(radians(course_deg)),
                 satellites=_to_int(values.get("satellites")),
                 hdop=None if hdop is None or hdop > MAX_HDOP else hdop,
-                utc_s=self._utc_of(epoch),
+                utc_s=self._compute_utc_s(epoch),
             )
         )
 
@@ -192,7 +192,7 @@ class NmeaPosition:
         if utc_s is not None:
             self._last_utc = (now_s, utc_s)
 
-    def _utc_of(self, epoch: _Epoch) -> float | None:
+    def _compute_utc_s(self, epoch: _Epoch) -> float | None:
         """Return the UTC of an epoch: as received, or its time of day on the day nearest to the expected UTC."""
         stated_s = epoch.values.get("utc_s")
         if stated_s is not None or self._last_utc is None or epoch.time_of_day_s is None:
@@ -203,7 +203,7 @@ class NmeaPosition:
         return days * SECONDS_PER_DAY + epoch.time_of_day_s
 
 
-def _fix_of(decoded: DecodedSentence) -> FixType:
+def _decode_fix(decoded: DecodedSentence) -> FixType:
     """Return the fix type of one sentence."""
     if "quality" in decoded.numbers:
         return _QUALITIES.get(decoded.numbers["quality"] or 0.0, FixType.NONE)

@@ -53,19 +53,19 @@ class Layout(msgspec.Struct, frozen=True):
 _EAST_WEST = {"E": 1.0, "W": -1.0}
 
 
-def _hdg_magnetic(numbers: Numbers) -> float | None:
+def _compute_hdg_magnetic(numbers: Numbers) -> float | None:
     """Return the sensor heading plus deviation, east positive; an unknown deviation counts as 0."""
     sensor_deg = numbers["sensor_deg"]
     return None if sensor_deg is None else (sensor_deg + (numbers["deviation_deg"] or 0.0)) % 360.0
 
 
-def _hdg_true(numbers: Numbers) -> float | None:
+def _compute_hdg_true(numbers: Numbers) -> float | None:
     """Return the magnetic heading plus variation, east positive; None without a variation."""
-    magnetic_deg, variation_deg = _hdg_magnetic(numbers), numbers["variation_deg"]
+    magnetic_deg, variation_deg = _compute_hdg_magnetic(numbers), numbers["variation_deg"]
     return None if magnetic_deg is None or variation_deg is None else (magnetic_deg + variation_deg) % 360.0
 
 
-def _first_value(*readers: Reader) -> Reader:
+def _first_value_field(*readers: Reader) -> Reader:
     """Return a reader that returns the value of the first reader whose field is not empty."""
 
     def read(fields: Fields) -> float | None:
@@ -74,7 +74,7 @@ def _first_value(*readers: Reader) -> Reader:
     return read
 
 
-def _relative_angle(index: int) -> Reader:
+def _relative_angle_field(index: int) -> Reader:
     """Return a reader of an angle up to 180 degrees and R or L as 0 to 360, clockwise from the bow."""
     read_side = signed_field(index, 180.0, {"R": 1.0, "L": -1.0})
 
@@ -89,10 +89,10 @@ def _depth_layout(name: str) -> Layout:
     """Return the layout of a depth in feet, metres and fathoms."""
     metres = number_field(2, 0.0, 12e3, unit="M")
     feet, fathoms = number_field(0, 0.0, 4e4, unit="f", scale=0.3048), number_field(4, 0.0, 7e3, unit="F", scale=1.8288)
-    return Layout("depth", 6, ((name, _first_value(metres, feet, fathoms)),))
+    return Layout("depth", 6, ((name, _first_value_field(metres, feet, fathoms)),))
 
 
-def _add_offset(side: float) -> Callable[[Numbers], float | None]:
+def _depth_with_offset(side: float) -> Callable[[Numbers], float | None]:
     """Return a function that adds the offset to a depth: positive to the surface, negative to the keel."""
 
     def derive(numbers: Numbers) -> float | None:
@@ -114,18 +114,18 @@ def _fix_quality_fields(satellites_index: int) -> tuple[tuple[str, Reader], ...]
     )
 
 
-_TRUE = ("heading_true_deg", number_field(0, 0.0, 360.0, unit="T"))
+_TRUE_HEADING = ("heading_true_deg", number_field(0, 0.0, 360.0, unit="T"))
 _CROSS_TRACK = ("cross_track_m", number_field(2, 0.0, 1e4, scale=1852.0))
-_TIME_FIRST = ("time_of_day_s", time_of_day_field(0))
+_TIME_IN_FIRST_FIELD = ("time_of_day_s", time_of_day_field(0))
 _RELATIVE_WIND = Layout(
     "wind",
     8,
     (
-        ("wind_angle_deg", _relative_angle(0)),
-        ("wind_speed_m_s", _first_value(speed_field(2), speed_field(4), speed_field(6))),
+        ("wind_angle_deg", _relative_angle_field(0)),
+        ("wind_speed_m_s", _first_value_field(speed_field(2), speed_field(4), speed_field(6))),
     ),
 )
-_PRESSURE = _first_value(
+_PRESSURE = _first_value_field(
     number_field(2, 0.5, 1.5, unit="B", scale=1e5), number_field(0, 14.0, 45.0, unit="I", scale=3386.389)
 )
 
@@ -138,9 +138,9 @@ TABLE: Mapping[str, Layout] = {
             ("deviation_deg", signed_field(1, 180.0, _EAST_WEST)),
             ("variation_deg", signed_field(3, 180.0, _EAST_WEST)),
         ),
-        derived=(("heading_magnetic_deg", _hdg_magnetic), ("heading_true_deg", _hdg_true)),
+        derived=(("heading_magnetic_deg", _compute_hdg_magnetic), ("heading_true_deg", _compute_hdg_true)),
     ),
-    "HDT": Layout("heading", 2, (_TRUE,)),
+    "HDT": Layout("heading", 2, (_TRUE_HEADING,)),
     "HDM": Layout("heading", 2, (("heading_magnetic_deg", number_field(0, 0.0, 360.0, unit="M")),)),
     "THS": Layout("heading", 2, (("heading_true_deg", number_field(0, 0.0, 360.0)),), (("mode", 1),)),
     # $PASHR,hhmmss.sss,heading,T,roll,pitch,heave,...; Ashtech has other sentences of that name.
@@ -163,7 +163,7 @@ TABLE: Mapping[str, Layout] = {
         "position",
         9,
         (
-            _TIME_FIRST,
+            _TIME_IN_FIRST_FIELD,
             ("utc_s", short_date_field(0, 8)),
             *_position_fields(2),
             ("sog_m_s", speed_field(6, "N")),
@@ -172,9 +172,11 @@ TABLE: Mapping[str, Layout] = {
         (("status", 1), ("mode", 11)),
     ),
     "GGA": Layout(
-        "position", 9, (_TIME_FIRST, *_position_fields(1), ("quality", number_field(5, 0, 9)), *_fix_quality_fields(6))
+        "position",
+        9,
+        (_TIME_IN_FIRST_FIELD, *_position_fields(1), ("quality", number_field(5, 0, 9)), *_fix_quality_fields(6)),
     ),
-    "GNS": Layout("position", 9, (_TIME_FIRST, *_position_fields(1), *_fix_quality_fields(6)), (("mode", 5),)),
+    "GNS": Layout("position", 9, (_TIME_IN_FIRST_FIELD, *_position_fields(1), *_fix_quality_fields(6)), (("mode", 5),)),
     "GLL": Layout(
         "position", 6, (("time_of_day_s", time_of_day_field(4)), *_position_fields(0)), (("status", 5), ("mode", 6))
     ),
@@ -184,11 +186,15 @@ TABLE: Mapping[str, Layout] = {
         (("cog_deg", number_field(0, 0.0, 360.0, unit="T")), ("sog_m_s", speed_field(4))),
         (("mode", 8),),
     ),
-    "ZDA": Layout("time", 4, (_TIME_FIRST, ("utc_s", long_date_field(0, 1)))),
+    "ZDA": Layout("time", 4, (_TIME_IN_FIRST_FIELD, ("utc_s", long_date_field(0, 1)))),
     "VHW": Layout(
         "water_speed",
         6,
-        (_TRUE, ("heading_magnetic_deg", number_field(2, 0.0, 360.0, unit="M")), ("water_speed_m_s", speed_field(4))),
+        (
+            _TRUE_HEADING,
+            ("heading_magnetic_deg", number_field(2, 0.0, 360.0, unit="M")),
+            ("water_speed_m_s", speed_field(4)),
+        ),
     ),
     # Steering commands of a plotter; the letter is the side to steer to.
     "XTE": Layout("steering", 5, (_CROSS_TRACK,), (("steer_to", 3), ("status", 0))),
@@ -241,7 +247,7 @@ TABLE: Mapping[str, Layout] = {
         "depth",
         2,
         (("depth_below_transducer_m", number_field(0, 0.0, 12e3)), ("offset_m", number_field(1, -100.0, 100.0))),
-        derived=(("depth_below_surface_m", _add_offset(1.0)), ("depth_below_keel_m", _add_offset(-1.0))),
+        derived=(("depth_below_surface_m", _depth_with_offset(1.0)), ("depth_below_keel_m", _depth_with_offset(-1.0))),
     ),
     "DBT": _depth_layout("depth_below_transducer_m"),
     "DBS": _depth_layout("depth_below_surface_m"),

@@ -61,7 +61,7 @@ def encode(frame_id: int, payload: bytes = b"") -> bytes:
     return body + struct.pack(">H", xmodem(body))
 
 
-def framer() -> PacketFramer:
+def create_framer() -> PacketFramer:
     """Return a framer for this protocol."""
     return PacketFramer(_HEADER, 3, lambda header: header[1], PacketCheck(_is_checksum_valid))
 

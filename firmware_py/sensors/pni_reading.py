@@ -8,7 +8,7 @@ import msgspec
 
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
 from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
-from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload
+from firmware_py.sensors.pni_protocol import Component, Frame, create_framer, frame_id, parse_data, payload
 
 # Component, minimum, maximum in degrees or degrees Celsius.
 _RANGES = (
@@ -49,20 +49,20 @@ def read_data(data: bytes) -> Reading:
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
-    return decode_packets(data, framer(), _result)
+    return decode_packets(data, create_framer(), _decode_frame)
 
 
-def _result(packet: bytes) -> Result:
+def _decode_frame(packet: bytes) -> Result:
     frame = frame_id(packet)
     if frame == Frame.DATA:
         reading = read_data(payload(packet))
         return {"type": "heading", "frame_id": frame, **round_values("heading", msgspec.structs.asdict(reading))}
     if frame == Frame.MODULE_INFO:
-        return {"type": "module_info", "frame_id": frame, "module": _printable(payload(packet))}
+        return {"type": "module_info", "frame_id": frame, "module": _printable_ascii(payload(packet))}
     return {"type": "other", "frame_id": frame}
 
 
-def _printable(data: bytes) -> str:
+def _printable_ascii(data: bytes) -> str:
     return "".join(chr(byte) if 0x20 <= byte <= 0x7E else "?" for byte in data)
 
 

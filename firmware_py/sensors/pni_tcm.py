@@ -87,7 +87,7 @@ class PniCompass:
         self._frames = self._configurations[0]
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / rate_hz)
         self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
-        self._framer = pni.framer()
+        self._framer = pni.create_framer()
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._step = 0  # index of the next frame; after the last one the driver waits for data
         self._due_s = 0.0  # time of the next frame or of the timeout
@@ -103,7 +103,7 @@ class PniCompass:
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s, and send at most one command."""
         if self._monitor.notice_reopening():
-            self._framer = pni.framer()
+            self._framer = pni.create_framer()
             self._is_field_distorted = self._has_headings = False
             self._calibration = None
             self._restart_set_up(now_s)

@@ -14,7 +14,7 @@ from firmware_py.common.records import DeviceHealth, PositionSample
 MIN_AGREEING_FIXES = 5  # consecutive; wrong times during the start of a receiver are not reported
 
 
-class DatedPosition:
+class TimeCorrectedPosition:
     """An interfaces.Position that corrects the times of the fixes of another one."""
 
     def __init__(

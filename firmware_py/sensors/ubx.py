@@ -36,7 +36,7 @@ class UbxPosition:
         """Store the line."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
-        self._framer = ubx.framer()
+        self._framer = ubx.create_framer()
         self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
 
     def fileno(self) -> int:
@@ -46,7 +46,7 @@ class UbxPosition:
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
-            self._framer = ubx.framer()
+            self._framer = ubx.create_framer()
         data = self._line.read()
         if not data:
             return

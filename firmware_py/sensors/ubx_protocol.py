@@ -43,7 +43,7 @@ class NavPvt(msgspec.Struct, frozen=True):
     accuracy_m: float | None = None  # horizontal standard deviation estimated by the receiver
 
 
-def framer() -> PacketFramer:
+def create_framer() -> PacketFramer:
     """Return a framer for this protocol."""
     return PacketFramer(_HEADER, 6, lambda header: int.from_bytes(header[4:6], "little") + 8, _Fletcher())
 
@@ -113,10 +113,10 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
     ):
         check_range(value, low, high, f"NAV-PVT {name}")
     accuracy_m = fields[18] * 1e-3
-    return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _utc_s(fields), accuracy_m)
+    return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _compute_utc_s(fields), accuracy_m)
 
 
-def _utc_s(fields: tuple[int, ...]) -> float | None:
+def _compute_utc_s(fields: tuple[int, ...]) -> float | None:
     """Return the UTC, None unless the receiver marks it as valid with known leap seconds and it is in range."""
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
     if valid & 7 != 7:
@@ -131,10 +131,10 @@ def _utc_s(fields: tuple[int, ...]) -> float | None:
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
-    return decode_packets(data, framer(), _result)
+    return decode_packets(data, create_framer(), _decode_packet)
 
 
-def _result(packet: bytes) -> Result:
+def _decode_packet(packet: bytes) -> Result:
     number = message_id(packet)
     if number != NAV_PVT:
         return {"type": "other", "message": f"{number >> 8:02X}-{number & 0xFF:02X}"}

@@ -46,7 +46,7 @@ class VeDirectPower:
             return
         self._monitor.note_bytes(now_s)
         for block in self._framer.feed(data):
-            self._handle(block, now_s)
+            self._handle_block(block, now_s)
 
     def poll(self) -> Sequence[PowerSample]:
         """Return the samples since the last poll, oldest first."""
@@ -58,7 +58,7 @@ class VeDirectPower:
         """Return the state; every valid block counts as accepted; FAULTY while a charger reports an error."""
         return self._monitor.health(now_s, self._fault)
 
-    def _handle(self, block: Block, now_s: float) -> None:
+    def _handle_block(self, block: Block, now_s: float) -> None:
         if block.fault:
             self._monitor.reject(now_s, block.fault)
             return

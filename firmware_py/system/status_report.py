@@ -162,7 +162,9 @@ def _traffic(snapshot: Snapshot) -> Values:
     if traffic is None:
         return {}
     vessels_by_urgency = [vessel for vessel in traffic.vessels if vessel.distance_m is not None]
-    vessels_by_urgency.sort(key=lambda vessel: (not vessel.distress, vessel.near_s is None, vessel.distance_m))
+    vessels_by_urgency.sort(
+        key=lambda vessel: (not vessel.is_distress_beacon, vessel.near_s is None, vessel.distance_m)
+    )
     return {
         "vessels": len(traffic.vessels),
         "no_room_for": traffic.rejected,

@@ -62,7 +62,7 @@ DRIVERS = {
     for section in ("compass", "position")
     for name, driver in SECTIONS[section].items()
 }
-FRAMERS = (NmeaFramer, pni_protocol.framer, mti_protocol.framer, ubx_protocol.framer)
+FRAMERS = (NmeaFramer, pni_protocol.create_framer, mti_protocol.create_framer, ubx_protocol.create_framer)
 
 
 def byte_line(stream, size):
@@ -79,7 +79,7 @@ def byte_line(stream, size):
 
 
 def test_recorded_packet_is_valid():
-    (packet,) = ubx_protocol.framer().feed(PVT)
+    (packet,) = ubx_protocol.create_framer().feed(PVT)
     assert packet.fault == ""
 
 
@@ -133,7 +133,7 @@ def test_memory_is_bounded(make, noise):
 
 @pytest.mark.parametrize(
     ("make", "message"),
-    [(NmeaFramer, HDT), (pni_protocol.framer, PNI), (ubx_protocol.framer, PVT)],
+    [(NmeaFramer, HDT), (pni_protocol.create_framer, PNI), (ubx_protocol.create_framer, PVT)],
     ids=["nmea", "pni", "ubx"],
 )
 @given(noise=STREAMS)

@@ -73,7 +73,7 @@ class MissionServer:
     def report_progress(self, previous: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
         """Report reached items, and send MISSION_CURRENT after a change."""
         home_count = first_item_number(self._context.autopilot, PlanKind.MISSION)
-        for index in snapshot.mission.reached:
+        for index in snapshot.mission.reached_items:
             self._context.send_all(_REACHED(index + home_count))
         if previous is None or previous.mission != snapshot.mission:
             self._make_current_due(now_s)

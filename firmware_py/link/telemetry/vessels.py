@@ -25,7 +25,9 @@ def ais_vessel(context: TelemetryContext) -> Message | None:
         return None
     turn, vessels = math.floor(boat.t_s * _TURNS_HZ), boat.traffic.vessels
     if turn * _NEAR_ROUND % 1.0 < _NEAR_SHARE:
-        vessels = tuple(vessel for vessel in vessels if vessel.near_s is not None or vessel.distress) or vessels
+        vessels = (
+            tuple(vessel for vessel in vessels if vessel.near_s is not None or vessel.is_distress_beacon) or vessels
+        )
     return _message(vessels[int(turn * _ROUND % 1.0 * len(vessels))], boat.t_s)
 
 

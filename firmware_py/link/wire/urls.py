@@ -13,7 +13,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.reading_notes import abbreviated
+from firmware_py.common.reading_notes import abbreviate
 
 _SELF: Final = "localhost"
 
@@ -107,14 +107,14 @@ def parse_options(text: str) -> LinkOptions:
         if row is None:
             near = difflib.get_close_matches(name, _OPTIONS, 1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_OPTIONS)}"
-            raise OptionError(f"option {abbreviated(name)} is not known; {hint}")
+            raise OptionError(f"option {abbreviate(name)} is not known; {hint}")
         if name in names:
             raise OptionError(f"option {name!r} is given twice; give it once")
         names.add(name)
         field, read, allowed = row
         setting = read(value)
         if setting is None:
-            raise OptionError(f"option {name}={abbreviated(value)}: allowed are {allowed}")
+            raise OptionError(f"option {name}={abbreviate(value)}: allowed are {allowed}")
         options = replace(options, **{field: setting})
     return options
 
@@ -142,7 +142,7 @@ def parse_url(text: str) -> LinkUrl:
     scheme, _, rest = place.partition(":")
     kind = _KINDS.get(scheme)
     if kind is None:
-        raise LinkError(f"{link}: {abbreviated(scheme)} is not a kind of link; use {_FORMS}")
+        raise LinkError(f"{link}: {abbreviate(scheme)} is not a kind of link; use {_FORMS}")
     # From the right: the paths of /dev/serial/by-path hold colons.
     host, _, number = rest.rpartition(":")
     if kind in _USUAL_BAUD and not number.isdigit():
@@ -152,7 +152,7 @@ def parse_url(text: str) -> LinkUrl:
         missing = "path" if kind in _USUAL_BAUD else what
         raise LinkError(f"{link}: the {missing} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
-        raise LinkError(f"{link}: {abbreviated(number)} is not a {what}; use a whole number from {low} to {high}")
+        raise LinkError(f"{link}: {abbreviate(number)} is not a {what}; use a whole number from {low} to {high}")
     if kind not in ("serial", "sbd") and ":" in host:
         raise LinkError(f"{link}: there is no IPv6 here; use an IPv4 address or a name that has one")
     try:

@@ -30,10 +30,10 @@ class LateRig:
         self.number = 0
         self.states = []
 
-    def tick(self, shaft_rad=None):
-        """Return the feedback of a tick; without an angle it commands the next one of a sawtooth."""
+    def tick(self):
+        """Return the feedback of a tick, which commands the next angle of a sawtooth."""
         self.number += 1
-        angle_rad = (self.number % 500) * 2 * COUNT_RAD if shaft_rad is None else shaft_rad
+        angle_rad = (self.number % 500) * 2 * COUNT_RAD
         self.line.now_s = self.now_s
         self.rudder.receive(self.now_s)
         self.rudder.command(RudderCommand(angle_rad, torque_on=True), self.now_s)
@@ -46,8 +46,8 @@ class LateRig:
         self.now_s = round(self.now_s + self.period_s, 9)
         return feedback
 
-    def ticks(self, count, shaft_rad=None):
-        return [sample for _ in range(count) for sample in self.tick(shaft_rad)]
+    def ticks(self, count):
+        return [sample for _ in range(count) for sample in self.tick()]
 
 
 class RecordingServo:
@@ -60,10 +60,10 @@ class RecordingServo:
         self.last_request_s = {}  # time of the last request by position
 
     def handle(self, data):
-        take_reply = self.servo.handle(data)
+        reply = self.servo.handle(data)
         self.positions_by_time.setdefault(self.line.now_s, set()).add(self.servo.position)
         self.last_request_s[self.servo.position] = self.line.now_s
-        return take_reply
+        return reply
 
     def has_true_positions(self, feedback):
         """Return whether each feedback has a position that the shaft had at its time."""

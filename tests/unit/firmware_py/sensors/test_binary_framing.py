@@ -22,13 +22,13 @@ DAMAGED = INFO[:-1] + b"\x00"
     ids=["empty", "packets", "noise", "damaged", "truncated"],
 )
 def test_stream_is_split_into_packets_and_skipped_bytes(chunks, packets):
-    framer = pni_protocol.framer()
+    framer = pni_protocol.create_framer()
     found = [packet for chunk in chunks for packet in framer.feed(chunk)] + framer.finish()
     assert [(packet.offset, packet.size, packet.fault or packet.data) for packet in found] == packets
 
 
 def test_false_length_does_not_delay_the_valid_packets_after_it():
-    framer = pni_protocol.framer()
+    framer = pni_protocol.create_framer()
     assert framer.feed(b"\x00\x7f\x05") == []  # a header with a length of 127 bytes
     (skipped, info) = framer.feed(INFO)
     assert (skipped.size, skipped.fault, info.data) == (3, "checksum", INFO)

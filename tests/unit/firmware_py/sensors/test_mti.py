@@ -210,7 +210,7 @@ def test_other_frame_than_ned_gives_no_heading(deliver, compass, set_up):
 
 def test_error_while_measuring_is_only_reported(exchange, compass, set_up):
     assert exchange(0.5, message(0x42, b"\x29"), data()) == []
-    assert compass.health(0.5).text == "device error 41: more data than the baud rate carries"
+    assert compass.health(0.5).text == "device error 41: more data than the baud rate allows"
     assert len(compass.poll()) == 1
 
 

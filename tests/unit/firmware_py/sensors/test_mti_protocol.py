@@ -16,7 +16,7 @@ def long_form(message, data):
 
 
 def split(stream):
-    framer = xbus.framer()
+    framer = xbus.create_framer()
     return [*framer.feed(stream), *framer.finish()]
 
 
@@ -40,7 +40,7 @@ def test_command_longer_than_the_short_form_is_rejected():
 
 
 def test_message_is_complete_with_its_last_byte():
-    framer = xbus.framer()
+    framer = xbus.create_framer()
     assert framer.feed(bytes.fromhex("FAFF3100")) == []
     (packet,) = framer.feed(b"\xd0")
     assert (xbus.message_id(packet.data), xbus.payload(packet.data)) == (Message.GO_TO_CONFIG_ACK, b"")
@@ -98,7 +98,7 @@ def test_output_configuration_is_encoded_and_parsed():
         (b"\x21", "device error 33: parameter invalid"),
         (b"\x63", "device error 99"),
         (b"", "device error without a code"),
-        (b"\x29\x00", "device error 41: more data than the baud rate carries"),
+        (b"\x29\x00", "device error 41: more data than the baud rate allows"),
     ],
 )
 def test_text_of_device_errors(data, text):

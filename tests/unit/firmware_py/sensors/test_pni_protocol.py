@@ -27,14 +27,14 @@ VECTORS = [
 def test_frames_of_the_manuals_are_encoded_and_decoded(frame_id, payload, packet):
     payload, packet = bytes.fromhex(payload), bytes.fromhex(packet)
     assert pni_protocol.encode(frame_id, payload) == packet
-    (message,) = pni_protocol.framer().feed(packet)
+    (message,) = pni_protocol.create_framer().feed(packet)
     assert message.fault == ""
     assert (pni_protocol.frame_id(message.data), pni_protocol.payload(message.data)) == (frame_id, payload)
 
 
 def test_frames_of_the_recordings_are_valid(recordings):
     for row in json.loads((recordings / "pni_tcm_vectors.json").read_text())["frames"]:
-        (message,) = pni_protocol.framer().feed(bytes.fromhex(row["hex"]))
+        (message,) = pni_protocol.create_framer().feed(bytes.fromhex(row["hex"]))
         assert message.fault == ""
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.calendar import ROLLOVER_S
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, FixType, PositionSample
-from firmware_py.sensors.receiver_time import MIN_AGREEING_FIXES, DatedPosition
+from firmware_py.sensors.receiver_time import MIN_AGREEING_FIXES, TimeCorrectedPosition
 
 NOW_S = dt.datetime(2026, 11, 22, tzinfo=dt.UTC).timestamp()
 GPS_EPOCH_S = dt.datetime(1980, 1, 6, tzinfo=dt.UTC).timestamp()
@@ -36,7 +36,7 @@ class Setup:
 
     def __init__(self, clock_s):
         self.receiver, self.reports = Receiver(), []
-        self.position = DatedPosition(self.receiver, lambda: clock_s, 0.0, self.reports.append)
+        self.position = TimeCorrectedPosition(self.receiver, lambda: clock_s, 0.0, self.reports.append)
 
     def corrected(self, *utc_s):
         self.receiver.utc_s = utc_s

@@ -20,7 +20,7 @@ def receiver(line):
 def test_packet_of_the_receiver_description(ubx):
     poll = bytes.fromhex("b562010700000819")
     assert ubx(0x0107, b"") == poll
-    (packet,) = ubx_protocol.framer().feed(poll)
+    (packet,) = ubx_protocol.create_framer().feed(poll)
     assert (packet.fault, ubx_protocol.message_id(packet.data), ubx_protocol.payload(packet.data)) == ("", 0x0107, b"")
 
 

@@ -148,7 +148,7 @@ def test_mission_current_is_sent_at_once_after_a_change(make_station, identity):
 @BOTH_IDENTITIES
 def test_reached_items_are_reported(make_station, identity):
     station = make_station(identity=identity)
-    replies = station.rig.tick(mission=replace(ACTIVE, reached=(0, 1)))
+    replies = station.rig.tick(mission=replace(ACTIVE, reached_items=(0, 1)))
     first = station.home_count
     assert [m.seq for m in replies if m.get_type() == "MISSION_ITEM_REACHED"] == [first, first + 1]
 
