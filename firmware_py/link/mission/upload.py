@@ -66,9 +66,8 @@ class PlanUpload:
         if self.base is None:
             return Plan.of(self.kind, self.items[self.home_count :])
         base = (*(_HOME,) * self.home_count, *self.base.items)
-        return Plan.of(
-            self.kind, (*base[: self.first_number], *self.items, *base[self.end_number :])[self.home_count :]
-        )
+        items = (*base[: self.first_number], *self.items, *base[self.end_number :])
+        return Plan.of(self.kind, items[self.home_count :])
 
 
 class UploadResult(msgspec.Struct, frozen=True):

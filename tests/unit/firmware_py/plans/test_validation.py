@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
-from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, Command
+from firmware_py.plans.items import CAMERA, PLACE_FRAMES, ROWS, TABLE, Command
 from firmware_py.plans.validation import PlanResult, problem_of
 
 NAN, INF = math.nan, math.inf
@@ -34,6 +34,14 @@ def test_commands_have_the_numbers_of_mavlink():
     assert {row.command: getattr(mavlink, f"MAV_CMD_{row.name}") for row in TABLE} == {n: n for n in ROWS}
 
 
+def test_camera_commands_have_names_of_cameras():
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.common")
+    names = [entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if number in CAMERA]
+    words = ("ROI", "CAM", "VIDEO", "MOUNT", "SURVEY", "GIMBAL", "IMAGE", "TRIGGER", "STORAGE")
+    assert len(names) == len(CAMERA) == 30
+    assert [name for name in names if not any(word in name for word in words)] == []
+
+
 VALID = [
     (MISSION, item(16, 0.0, NAN, NAN, NAN, z=NAN)),
     (MISSION, item(16, 1e8, 5.0, x=0, y=0)),
@@ -44,6 +52,7 @@ VALID = [
     (MISSION, item(20, frame=3)),
     (MISSION, item(93, 10.0, NAN, NAN, NAN, frame=2)),
     (MISSION, item(93, -1.0, 6.0, 30.0, -1.0, frame=2)),
+    (MISSION, item(93, -1.0, 0.0, frame=2)),
     (MISSION, item(115, 90.0, NAN, 0.0, 0.0, frame=2)),
     (MISSION, item(115, 30.0, 0.0, -1.0, 1.0, frame=2)),
     (MISSION, item(178, 1.0, 0.5, NAN, NAN, frame=2)),
