@@ -3,18 +3,18 @@
 
 class VoyageView {
   constructor(place, voyage) {
-    const grid = html(null, "div", { class: "voyage" });
+    const grid = addHtml(null, "div", { class: "voyage" });
     place.replaceWith(grid);
-    const left = html(html(grid, "div"), "div", { class: "card" });
-    const right = html(grid, "div");
+    const left = addHtml(addHtml(grid, "div"), "div", { class: "card" });
+    const right = addHtml(grid, "div");
     this.track = null;
     this.panels = new TimePanels(left, voyage, (cursor, span) => this.track && this.track.follow(cursor, span));
     const { columns } = voyage;
     if (columns.lat_deg || columns.north_m) {
-      this.track = new Track(html(right, "div", { class: "card" }), voyage);
+      this.track = new Track(addHtml(right, "div", { class: "card" }), voyage);
     }
     if (voyage.spectrum) {
-      const card = html(right, "div", { class: "card" });
+      const card = addHtml(right, "div", { class: "card" });
       this.spectrum = () => { card.replaceChildren(); drawSpectrum(card, voyage.spectrum); };
       this.spectrum();
     }
