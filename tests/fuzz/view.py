@@ -46,7 +46,7 @@ def judge_request(data):
             assert headers.get("Origin", f"http://{headers['Host']}") == f"http://{headers['Host']}"
         if verdict.status == 200:
             assert is_loopback(headers["Host"]) if guard is LOOPBACK_GUARD else TOKEN in headers["Cookie"]
-        assert (verdict.status == 303) == verdict.remember
+        assert (verdict.status == 303) == verdict.sets_cookie
 
 
 def add_line(data):
