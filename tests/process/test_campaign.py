@@ -82,7 +82,7 @@ def test_campaign_with_a_killed_worker_and_a_restart_gives_equal_results(tmp_pat
     wait(lambda: not any(b"spawn_main" in command_line(pid) for pid in worker_pids))
     assert not (out / store.RUNS).exists()
     code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
-    assert (code, "go on with --resume" in errors) == (2, True)
+    assert (code, "continue with --resume" in errors) == (2, True)
     assert run_campaign(COMPILED, out, "--workers", "2", "--resume") == undisturbed
 
 
@@ -154,7 +154,7 @@ def test_dask_cluster_with_killed_processes_gives_equal_results(tmp_path):
         wait(lambda: count_batches(out) >= 10)
         process.kill()  # it contains the scheduler
         _, errors = campaign.communicate()
-        assert (campaign.returncode, "go on with --resume" in errors) == (1, True), errors
+        assert (campaign.returncode, "continue with --resume" in errors) == (1, True), errors
         assert "Traceback" not in errors
     with dask_cluster() as (_, address):
         assert run_campaign(COMPILED, out, "--scheduler", address, "--resume") == undisturbed

@@ -82,7 +82,7 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
         helm = autopilot.steer(a, helm, n, deadline_s)
         plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
         if ticks < record.ticks.shape[0]:
-            loop.note(record.ticks[ticks], a, helm, n, deadline_s)
+            loop.write_row(record.ticks[ticks], a, helm, n, deadline_s)
             ticks += 1
         deadline_s = autopilot.next_deadline(deadline_s, a.state.newest_s)
     return ticks

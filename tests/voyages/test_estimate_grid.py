@@ -61,10 +61,8 @@ def test_uncertainty_is_consistent_and_near_the_informed_filter(diffusion, bias,
     for seed in SEEDS:
         sea = sea_of(parse_scenario(name), seed, SECONDS)
         records = (
-            informed_voyage.sail(
-                sea, GOALS, SECONDS, ParameterSet(), levels, informed_figures=informed_figures, ticks=True
-            )
-            for informed_figures in (False, True)
+            informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=informed, ticks=True)
+            for informed in (False, True)
         )
         figures.append([mean_squares(record) for record in records])
     estimate_figures, informed_figures = zip(*figures, strict=True)

@@ -1,4 +1,4 @@
-"""A mission with every kind of item, sailed through the tick; and everything replays."""
+"""Missions with all kinds of items, pauses, dead reckoning, and restarts from checkpoints."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ from support import rig
 from support.plans import EARTH_M, item, mission, placed
 
 
-def every_kind():
+def all_items():
     return [
         item(16, 120, 0),
         item(178, None, None, 0, 0.5),
@@ -50,28 +50,28 @@ def every_kind():
     ]
 
 
-def sailed(boat, most_s):
-    """The items reached, and the activity during each."""
-    reached, doing = [], {}
-    for _ in range(round(most_s * 10)):
+def run_mission(boat, limit_s):
+    """Return the items reached, and the activities during each of them."""
+    reached, activities = [], {}
+    for _ in range(round(limit_s * 10)):
         snapshot = boat.tick().snapshot
         reached += snapshot.mission.reached
-        doing.setdefault(snapshot.mission.index, set()).add(snapshot.navigation.activity)
+        activities.setdefault(snapshot.mission.index, set()).add(snapshot.navigation.activity)
         if snapshot.mission.index == 12 and snapshot.navigation.arrived:
             break
-    return reached, doing
+    return reached, activities
 
 
 @pytest.mark.proof
 def test_all_kinds_of_items():
-    boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
+    boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*all_items()), LOIT_RADIUS=60.0)
     boat.under_way(Mode.AUTO)
-    reached, doing = sailed(boat, 5000)
+    reached, activities = run_mission(boat, 5000)
     assert reached == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
-    assert doing[4] == {Activity.HEADING}
-    assert Activity.CIRCLE in doing[6]
-    assert Activity.STATION in doing[7]
-    # Home was moved by item 8, and the way back led there.
+    assert activities[4] == {Activity.HEADING}
+    assert Activity.CIRCLE in activities[6]
+    assert Activity.STATION in activities[7]
+    # Item 8 moved home, and the boat returned there.
     home = boat.snapshot.home
     assert (home.latitude_rad, home.longitude_rad) == pytest.approx(placed(20, 20), abs=1e-8)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
@@ -113,7 +113,7 @@ def test_pause_change_and_replacement_of_a_mission():
     assert boat.times_of("Mission unusable")
 
 
-def test_refusals_name_the_reason():
+def test_refusals_contain_reason():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.run(2.0)
     for intent, verdict, word in (
@@ -131,7 +131,7 @@ def test_refusals_name_the_reason():
     assert answer.text == "AUTO refused: no mission"
 
 
-def test_a_position_jump_causes_no_turn():
+def test_position_jump_causes_no_turn():
     boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
     boat.under_way(Mode.AUTO)
     boat.run(150.0)
@@ -150,17 +150,17 @@ def test_a_position_jump_causes_no_turn():
     boat.run(60.0)
     (report_s,) = boat.times_of("GPS jump accepted: position moved by ")
     assert boat.snapshot.position_ok
-    assert boat.times_of("GPS position recovered")[-1] >= report_s  # it is not the old place that is back
+    assert boat.times_of("GPS position recovered")[-1] >= report_s  # the recovered position is the new one
 
 
-def test_restart_from_any_checkpoint_gives_the_same_rudder():
-    boat = rig.Sailing(rig.scenario(1.2, 0.3), 3, mission(*every_kind()[2:8]), LOIT_RADIUS=40.0)
+def test_restart_from_checkpoints_changes_nothing():
+    boat = rig.Sailing(rig.scenario(1.2, 0.3), 3, mission(*all_items()[2:8]), LOIT_RADIUS=40.0)
     boat.keep_inputs = True
     boat.outputs = []
     boat.run(1.0)
     boat.under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
     boat.run(120.0)
-    state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*every_kind()[2:8]))
+    state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*all_items()[2:8]))
     for inputs in boat.inputs:
         if inputs.tick.index % 250 == 0:
             state, _ = state_from_text(state_to_text(state))
@@ -168,8 +168,8 @@ def test_restart_from_any_checkpoint_gives_the_same_rudder():
     assert state_to_text(state) == state_to_text(boat.state)
 
 
-def halted_after_a_turn(**parameters):
-    """A boat in AUTO whose mission waits after its first item, a turn without autocontinue."""
+def paused_after_turn(**parameters):
+    """Return a boat in AUTO whose mission is paused after its first item, a turn without autocontinue."""
     items = item(115, None, None, 40, autocontinue=False), item(115, None, None, 80), item(17, 400, 400)
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(*items), **parameters)
     boat.under_way(Mode.AUTO)
@@ -185,8 +185,8 @@ def halted_after_a_turn(**parameters):
     ("intent", "index"),
     [(PauseMission(paused=False), 1), (SetMode(Mode.AUTO), 1), (SetMissionItem(2), 2)],
 )
-def test_a_waiting_mission_continues_on_request(intent, index):
-    boat = halted_after_a_turn()
+def test_paused_mission_continues_on_request(intent, index):
+    boat = paused_after_turn()
     boat.tick(intent)
     boat.run(1.0)
     assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, index)
@@ -194,7 +194,7 @@ def test_a_waiting_mission_continues_on_request(intent, index):
 
 
 @pytest.mark.parametrize("intent", [PauseMission(paused=False), SetMode(Mode.AUTO)])
-def test_a_pause_is_reported_and_ends_on_request(intent):
+def test_pause_is_reported_and_ends_on_request(intent):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.under_way(Mode.AUTO)
     boat.run(20.0)
@@ -212,13 +212,13 @@ def test_a_pause_is_reported_and_ends_on_request(intent):
 
 @pytest.mark.parametrize("pause", [(), (PauseMission(paused=True),)])
 @pytest.mark.parametrize("level", [1, 2])
-def test_a_paused_mission_stays_paused_through_a_restart(pause, level):
-    boat = halted_after_a_turn(BOOT_RESUME=level)
+def test_paused_mission_stays_paused_after_restart(pause, level):
+    boat = paused_after_turn(BOOT_RESUME=level)
     boat.tick(*pause)
     boat.run(1.0)
-    kept = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(rig.UTC_S)))
-    fresh = State.at_start(boat.state.parameters, boat.state.plans)
-    boat.state, notes = resume.restore(fresh, kept, resume.Moment(rig.UTC_S + 600.0))
+    resume_bytes = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(rig.UTC_S)))
+    restarted = State.at_start(boat.state.parameters, boat.state.plans)
+    boat.state, notes = resume.restore(restarted, resume_bytes, resume.Moment(rig.UTC_S + 600.0))
     assert notes == ()
     assert boat.state.greeting == "Resumed AUTO, paused, 10 min old"
     boat.run(2.0)
@@ -229,18 +229,18 @@ def test_a_paused_mission_stays_paused_through_a_restart(pause, level):
     boat.tick(SetMode(Mode.AUTO))
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
-    assert boat.snapshot.mission.index in (1, 2)  # where it kept station the boat may be at the next item already
+    assert boat.snapshot.mission.index in (1, 2)  # the boat may already be at the next item
 
 
-def test_a_paused_mission_stays_paused_after_a_failsafe():
+def test_paused_mission_stays_paused_after_failsafe():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), FS_POS_ACT=2, FS_RESUME=1)
     boat.under_way(Mode.AUTO)
     boat.run(20.0)
     boat.tick(PauseMission(paused=True))
-    every, boat.fix_every = boat.fix_every, 10**9
+    fix_every, boat.fix_every = boat.fix_every, 10**9
     boat.run(30.0)
     assert boat.snapshot.mode is Mode.STEERING
-    boat.fix_every = every
+    boat.fix_every = fix_every
     boat.run(30.0)
     assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
 
@@ -251,18 +251,18 @@ def test_dead_reckoning_and_its_limit():
     boat.under_way(Mode.AUTO)
     boat.run(150.0)
     assert boat.snapshot.mission.index == 0
-    every, boat.fix_every = boat.fix_every, 10**9
+    fix_every, boat.fix_every = boat.fix_every, 10**9
     boat.run(420.0)
     assert boat.times_of("GPS position lost") == boat.times_of("Dead reckoning started: position error grows")
     assert not boat.snapshot.position_ok
-    assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
+    assert boat.snapshot.mission.index == 1  # the first was near, and the uncertainty small
     assert boat.times_of("Probably at the waypoint (no GPS); waiting for a fix")
     text = state_to_text(boat.state)
     read, notes = state_from_text(text)
-    assert (state_to_text(read), notes) == (text, ())  # states with NaN in them are never equal
+    assert (state_to_text(read), notes) == (text, ())  # states that contain NaN are never equal
     north_m, east_m = boat.where
     assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.dead_reckoning.sd_m
-    boat.fix_every = every
+    boat.fix_every = fix_every
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
     assert boat.times_of("GPS recovered after 7 min: position error ")
@@ -271,7 +271,7 @@ def test_dead_reckoning_and_its_limit():
     assert boat.snapshot.mission.index == 2
 
 
-def test_a_fence_is_kept_by_dead_reckoning():
+def test_fence_is_monitored_by_dead_reckoning():
     fence = Plans(fence=Plan.of(PlanKind.FENCE, (item(5003, 0, 0, 60),)))
     boat = rig.Sailing(rig.scenario(0.6), 1, fence, FENCE_ENABLE=1, FS_FENCE_ACT=3)
     boat.under_way(Mode.GUIDED)
@@ -282,7 +282,7 @@ def test_a_fence_is_kept_by_dead_reckoning():
     assert boat.where[0] == pytest.approx(60.0, abs=10.0)
 
 
-def test_without_dead_reckoning_the_last_heading_is_held():
+def test_last_heading_is_held_without_dead_reckoning():
     boat = rig.Sailing(rig.scenario(1.2), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
     boat.under_way(Mode.AUTO)
     boat.run(30.0)
@@ -292,7 +292,7 @@ def test_without_dead_reckoning_the_last_heading_is_held():
     assert boat.where[0] > 150.0
 
 
-def test_headings_of_a_mission_are_steered_without_a_position():
+def test_headings_of_mission_need_no_position():
     turns = item(115, None, None, 40), item(93, None, None, 20), item(115, None, None, 120), item(93, None, None, 999)
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(*turns))
     boat.under_way(Mode.AUTO)
@@ -304,17 +304,17 @@ def test_headings_of_a_mission_are_steered_without_a_position():
     assert abs(math.degrees(boat.snapshot.heading_error_rad)) < 10.0
 
 
-def test_a_mode_whose_task_is_a_heading_needs_no_position(monkeypatch):
+def test_mode_with_heading_task_needs_no_position(monkeypatch):
     monkeypatch.setitem(guidance._TASKS, Mode.RTL, lambda *_: HoldHeading(1.0))
     boat = rig.Sailing(rig.scenario(0.6), 1, BOOT_MODE=11, BOOT_ARM=1)
     boat.fix_every = 10**9
-    boat.index = 1  # the first tick would have a fix
+    boat.index = 1  # tick 0 would have a fix
     boat.run(60.0)
     assert boat.snapshot.position is None
     assert boat.snapshot.goal_heading_rad == 1.0
 
 
-def test_a_complete_mission_restarts_on_request():
+def test_complete_mission_restarts_on_request():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(115, None, None, 40), item(115, None, None, 80)))
     boat.under_way(Mode.AUTO)
     boat.run(300.0, until=lambda boat: boat.snapshot.mission.state is MissionState.COMPLETE)
@@ -326,28 +326,28 @@ def test_a_complete_mission_restarts_on_request():
     assert len(boat.times_of("Mission: item 1")) == 2
 
 
-def way_back(boat):
-    """Return the metres north of the start under way."""
+def return_north_m(boat):
+    """Return the distance from the start to the target, to the north [m]."""
     boat.run(2.0)
     return round((boat.snapshot.navigation.target_latitude_rad - placed(0, 0)[0]) * EARTH_M)
 
 
-def test_a_mission_returns_to_the_present_home():
+def test_mission_returns_to_current_home():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(179, 60, 60), item(20)))
     boat.under_way(Mode.AUTO)
-    assert way_back(boat) == 60
+    assert return_north_m(boat) == 60
     boat.tick(SetHome(*placed(-100, 0)))
-    assert way_back(boat) == -100
+    assert return_north_m(boat) == -100
 
 
-@pytest.mark.parametrize("away", [PauseMission(paused=True), SetMode(Mode.LOITER)])
-def test_a_time_of_day_that_passed_during_a_pause_is_not_awaited(away):
+@pytest.mark.parametrize("intent", [PauseMission(paused=True), SetMode(Mode.LOITER)])
+def test_time_of_day_that_passed_during_pause_is_not_awaited(intent):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(93, None, None, -1, 0, 1, 0), item(115, None, None, 40)))
     assert rig.UTC_S % 86400 == 0
     boat.under_way(Mode.AUTO)
     boat.run(20.0)
     assert boat.snapshot.mission.index == 0
-    boat.tick(away)
+    boat.tick(intent)
     boat.run(60.0)
     boat.tick(SetMode(Mode.AUTO))
     boat.run(1.0)
