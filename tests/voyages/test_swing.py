@@ -34,7 +34,7 @@ def estimate_after(name, seed, hours, leg_s=LEG_S):
         compass_rad = round(compass_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
         fixes = ()
         if tick % 10 == 0:
-            north, east = (true_value + 0.03 * noise.draw() for true_value in hull.velocity_in_waves_m_s(0.0))
+            north, east = (speed_m_s + 0.03 * noise.draw() for speed_m_s in hull.velocity_in_waves_m_s(0.0))
             position = placed(*hull.position_in_waves_m(0.0))
             course_rad = math.atan2(east, north) % TWO_PI
             fixes = (PositionSample(t_s, FixType.FIX_3D, *position, 0.0, math.hypot(north, east), course_rad),)

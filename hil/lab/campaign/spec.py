@@ -129,9 +129,9 @@ class _Reader:
         vehicle = self._vehicle()
         self._draw("scenario", self.content.get("scenarios", []), _check_scenario, "scenarios")
         self._draw("goals", self.content.get("goals", "0:0"), lambda text: _check_goals(text, seconds))
-        for name, known_keys in (("compass", COMPASSES), ("servo", SERVOS)):
+        for name, devices in (("compass", COMPASSES), ("servo", SERVOS)):
             if name in self.content:
-                self._draw(name, self.content[name], _one_of(known_keys))
+                self._draw(name, self.content[name], _one_of(devices))
         for name, value in self._table("ship", SHIP_FACTORS).items():
             self._draw(f"ship.{name}", value, _within(*FACTOR_RANGE))
         options = tuple(self._option(name, value) for name, value in self._table("with").items())
@@ -163,7 +163,7 @@ class _Reader:
 
     def _problem(self, where: str, text: object) -> None:
         line = " ".join(f"{where}: {text}".split())
-        self.problems.append("".join(option_field if option_field.isprintable() else "?" for option_field in line))
+        self.problems.append("".join(character if character.isprintable() else "?" for character in line))
 
     def _known(self, where: str, names: Mapping[str, Any], known_keys: tuple[str, ...]) -> None:
         for name in names:
@@ -177,7 +177,7 @@ class _Reader:
             return {}
         if known_keys:
             self._known(f"{name}.", value, known_keys)
-        return {key: option_field for key, option_field in value.items() if not known_keys or key in known_keys}
+        return {key: content for key, content in value.items() if not known_keys or key in known_keys}
 
     def _number(
         self, name: str, low: float, high: float, *, default: float | None = None, whole: bool = False
@@ -213,13 +213,13 @@ class _Reader:
         if row is None:
             self._problem(f"with.{name[:40]}", f"unknown option; use one of {', '.join(disturbance_options.BY_NAME)}")
             return ""
-        known_keys = {option_field.name: option_field for option_field in fields(row.record)}
-        named = isinstance(content, dict) and bool(content.keys() & known_keys.keys())
-        numbers = content if named else {} if content is True else {next(iter(known_keys)): content}
-        self._known(f"with.{name}.", numbers, tuple(known_keys))
+        option_fields = {option_field.name: option_field for option_field in fields(row.record)}
+        named = isinstance(content, dict) and bool(content.keys() & option_fields.keys())
+        numbers = content if named else {} if content is True else {next(iter(option_fields)): content}
+        self._known(f"with.{name}.", numbers, tuple(option_fields))
         for key, value in numbers.items():
-            if key in known_keys:
-                self._draw(f"with.{name}.{key}", value, _check_option(known_keys[key]))
+            if key in option_fields:
+                self._draw(f"with.{name}.{key}", value, _check_option(option_fields[key]))
         for key in disturbance_options.required_numbers(row):
             if key not in numbers:
                 self._problem(f"with.{name}", f"{key} has no default; give a value")
@@ -240,10 +240,10 @@ class _Reader:
         return float(value)
 
 
-def _one_of(known_keys: Any) -> Callable[[Value], None]:
+def _one_of(known_names: Any) -> Callable[[Value], None]:
     def check(value: Value) -> None:
-        if value not in known_keys:
-            raise ValueError(f"{str(value)[:40]!r} is unknown; use one of {', '.join(known_keys)}")
+        if value not in known_names:
+            raise ValueError(f"{str(value)[:40]!r} is unknown; use one of {', '.join(known_names)}")
 
     return check
 

@@ -57,7 +57,7 @@ class Store:
         if not path.exists():
             # Files that remain if a campaign is killed while it starts.
             start_files = {PARTS, SPEC, f"{SPEC}.new", f"{CAMPAIGN}.new"}
-            if any(outcome.name not in start_files for outcome in self.directory.iterdir()):
+            if any(entry.name not in start_files for entry in self.directory.iterdir()):
                 raise UsageError(f"{self.directory} is not empty and contains no campaign; give another --out")
             (self.directory / PARTS).mkdir(exist_ok=True)
             write_file(self.directory / SPEC, self.spec.text.encode())

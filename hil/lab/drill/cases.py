@@ -230,7 +230,9 @@ def _run_case(boat: DrillBoat, case: Case, states: list[_DrillState]) -> tuple[l
     misses = _unexplained_warnings(boat, case, start_s)
     if not has_no_heading(case.drills):
         misses += [f"{state.drill.name}: {deviation}" for state in states if (deviation := _check_after(boat, state))]
-    return misses + [deviation for deviation in (was_within_limit(boat),) if deviation], worst_deg
+    if text := was_within_limit(boat):
+        misses.append(text)
+    return misses, worst_deg
 
 
 def _check_after(boat: DrillBoat, state: _DrillState) -> str:

@@ -19,6 +19,10 @@ from hil.report.page import Cell
 from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_figure
 
 COLUMNS = ("", "value", "95 % interval", Cell("verdict"))
+MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
+BAND_DEG = 10.0  # contains almost all errors in figure 5 of the paper
+MAX_COLUMNS = 3
+MAX_POINTS = 6000  # of a curve
 
 
 def page_of(result: Identification, text: str, image: bytes, title: str, *, is_angle: bool) -> str:
@@ -41,12 +45,6 @@ def _row(name: str, estimate: Estimate, *, is_angle: bool) -> tuple[str | Cell, 
     style = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
     text = f"{value} {unit.replace('^2', '²')}".rstrip()
     return (name, text, interval, Cell(estimate.verdict, style, estimate.reason))
-
-
-MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
-BAND_DEG = 10.0  # contains almost all errors in figure 5 of the paper
-MAX_COLUMNS = 3
-MAX_POINTS = 6000  # of a curve
 
 
 def draw(all_errors: Sequence[Errors], title: str, *, is_angle: bool = True) -> bytes:
@@ -95,16 +93,9 @@ def _draw_stretch(axes: Any, prediction: Prediction, *, with_labels: bool, is_an
     rudder = prediction.stretch.rudder_rad * (degrees if is_angle else 1.0)
     axes[3].plot(time_s, rudder, color=RUDDER, lw=1.0, label=label("rudder"))
     if with_labels:
-        for panel, text in zip(
-            axes,
-            (
-                "heading from start, deg",
-                "heading error, deg",
-                "yaw rate, deg/s",
-                "rudder, deg" if is_angle else "command",
-            ),
-            strict=True,
-        ):
+        rudder_label = "rudder, deg" if is_angle else "command"
+        axis_labels = ("heading from start, deg", "heading error, deg", "yaw rate, deg/s", rudder_label)
+        for panel, text in zip(axes, axis_labels, strict=True):
             panel.set_ylabel(text)
             if panel.get_legend_handles_labels()[0]:
                 # Above the panel, outside the curves.
@@ -115,10 +106,9 @@ def _draw_stretch(axes: Any, prediction: Prediction, *, with_labels: bool, is_an
 
 def _thin(prediction: Prediction) -> Prediction:
     """Remove rows that a plot cannot resolve."""
-    every = max(1, prediction.stretch.time_s.size // MAX_POINTS)
-    if every == 1:
+    step = max(1, prediction.stretch.time_s.size // MAX_POINTS)
+    if step == 1:
         return prediction
-
-    selected = slice(None, None, every)
+    selected = slice(None, None, step)
     stretch = prediction.stretch.rows(selected)
     return Prediction(stretch, prediction.heading_rad[selected], prediction.yaw_rate_rad_s[selected])
