@@ -61,20 +61,20 @@ def rank_correlation(first: Array, second: Array, groups: NDArray[Any]) -> Estim
     Pairs with NaN are ignored.
     """
     is_known = ~(np.isnan(first) | np.isnan(second))
-    first_estimate, second_estimate, groups = first[is_known], second[is_known], groups[is_known]
+    first_ranks, second_ranks, groups = first[is_known], second[is_known], groups[is_known]
     group_names, group_index = np.unique(groups, return_inverse=True)
     for group in range(len(group_names)):
         is_member = group_index == group
-        first_estimate[is_member], second_estimate[is_member] = (
-            _centred_ranks(first_estimate[is_member]),
-            _centred_ranks(second_estimate[is_member]),
+        first_ranks[is_member], second_ranks[is_member] = (
+            _centred_ranks(first_ranks[is_member]),
+            _centred_ranks(second_ranks[is_member]),
         )
-    degrees_of_freedom = first_estimate.size - len(group_names) - 2
-    if degrees_of_freedom < MIN_RUNS or not np.any(first_estimate) or not np.any(second_estimate):
+    degrees_of_freedom = first_ranks.size - len(group_names) - 2
+    if degrees_of_freedom < MIN_RUNS or not np.any(first_ranks) or not np.any(second_ranks):
         return None
     value = float(
-        np.sum(first_estimate * second_estimate)
-        / math.sqrt(np.sum(first_estimate * first_estimate) * np.sum(second_estimate * second_estimate))
+        np.sum(first_ranks * second_ranks)
+        / math.sqrt(np.sum(first_ranks * first_ranks) * np.sum(second_ranks * second_ranks))
     )
     # On Fisher's scale the standard error is almost independent of the value.
     middle = math.atanh(max(-1.0 + 1e-12, min(1.0 - 1e-12, value)))

@@ -29,12 +29,12 @@ from hil.sim.truth import Array
 EXTRA = "rambler-autopilot[campaign]"
 
 
-def import_extra(match: str) -> Any:
+def import_extra(name: str) -> Any:
     """Import a module of the extra, or raise UsageError that names the package to install."""
     try:
-        return importlib.import_module(match)
+        return importlib.import_module(name)
     except ImportError:
-        raise UsageError(f"{match.partition('.')[0]} is not installed; pip install '{EXTRA}'") from None
+        raise UsageError(f"{name.partition('.')[0]} is not installed; pip install '{EXTRA}'") from None
 
 
 RUNS, PARTS, SPEC, SUMMARY, PAGE = "runs.parquet", "parts", "spec.toml", "summary.json", "report.html"
@@ -67,9 +67,9 @@ class Store:
         # Before the digest, because another version may read the same specification differently.
         if identity.get("versions") != self.versions:
             differing = sorted(
-                match
-                for match in self.versions.keys() | identity.get("versions", {}).keys()
-                if self.versions.get(match) != identity.get("versions", {}).get(match)
+                name
+                for name in self.versions.keys() | identity.get("versions", {}).keys()
+                if self.versions.get(name) != identity.get("versions", {}).get(name)
             )
             program_text = f" by {identity['program']}" if "program" in identity else ""
             raise UsageError(
@@ -127,12 +127,12 @@ class Store:
         scores = [{} if outcome.scores is None else asdict(outcome.scores) for outcome in outcomes]
         columns = {"row": pa.array([row.index for row in rows], pa.int64())}
         columns["seed"] = pa.array([row.seed for row in rows], pa.int64())
-        for match in self.spec.drawn_names:
-            values = [row.drawn_values[match] for row in rows]
-            is_text = any(isinstance(value, str) for value in self.spec.draws[match].values)
-            columns[match] = pa.array([str(value) for value in values] if is_text else values)
-        for match in SCORE_NAMES:
-            columns[match] = pa.array([score.get(match) for score in scores], pa.float64())
+        for name in self.spec.drawn_names:
+            values = [row.drawn_values[name] for row in rows]
+            is_text = any(isinstance(value, str) for value in self.spec.draws[name].values)
+            columns[name] = pa.array([str(value) for value in values] if is_text else values)
+        for name in SCORE_NAMES:
+            columns[name] = pa.array([score.get(name) for score in scores], pa.float64())
         columns["faults"] = pa.array([_join(outcome.faults) for outcome in outcomes], pa.string())
         columns["ended"] = pa.array([outcome.ended for outcome in outcomes], pa.string())
         columns["failed"] = pa.array([failure(outcome, self.spec.limits) for outcome in outcomes], pa.string())
@@ -146,8 +146,8 @@ def program() -> str:
     return version_text("rambler-hil", commit_of(ROOT))
 
 
-def _join(is_text: tuple[str, ...] | None) -> str | None:
-    return None if is_text is None else "; ".join(is_text)
+def _join(texts: tuple[str, ...] | None) -> str | None:
+    return None if texts is None else "; ".join(texts)
 
 
 def _encode(table: Any) -> bytes:
@@ -248,9 +248,9 @@ class Results:
         """Return the number of failed runs."""
         return int(np.count_nonzero(self.failed != ""))
 
-    def text_of(self, match: str, row: int) -> str:
+    def text_of(self, name: str, row: int) -> str:
         """Return a drawn value of a run as text."""
-        value = self.drawn_values[match][row]
+        value = self.drawn_values[name][row]
         return value if isinstance(value, str) else f"{value:g}"
 
 
@@ -261,18 +261,18 @@ def read_results(directory: Path) -> Results:
         raise UsageError(f"{directory}: the campaign is not finished; continue with --resume")
     table = read_table(directory / RUNS)
     names = table.column_names
-    drawn_values = [match for match in names if match not in {"row", "seed", *SCORE_NAMES, *OUTCOME_COLUMNS}]
+    drawn_values = [name for name in names if name not in {"row", "seed", *SCORE_NAMES, *OUTCOME_COLUMNS}]
 
-    def column(match: str) -> NDArray[Any]:
-        return np.asarray(table.column(match).to_numpy())
+    def column(name: str) -> NDArray[Any]:
+        return np.asarray(table.column(name).to_numpy())
 
     return Results(
         directory,
         (directory / SPEC).read_text(encoding="utf-8"),
         identity,
         column("seed"),
-        {match: column(match) for match in drawn_values},
-        {match: column(match) for match in SCORE_NAMES if match in names},
+        {name: column(name) for name in drawn_values},
+        {name: column(name) for name in SCORE_NAMES if name in names},
         column("faults"),
         column("failed"),
     )

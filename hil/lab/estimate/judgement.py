@@ -181,20 +181,20 @@ def _best_low_pass(time_s: Floats, compass: Floats, reference: Floats, is_known:
     """Return the low-passed compass with the smallest error, and its time constant."""
     best: tuple[float, Floats, float] = (math.inf, compass, 0.0)
     for constant_s in LOW_PASSES_S:
-        autocorrelations = low_pass_filter(time_s, compass, constant_s)
-        error = _rms(wrap_angles(autocorrelations - reference)[is_known])
+        low_passed = low_pass_filter(time_s, compass, constant_s)
+        error = _rms(wrap_angles(low_passed - reference)[is_known])
         if error < best[0]:
-            best = (error, autocorrelations, constant_s)
+            best = (error, low_passed, constant_s)
     return best[1:]
 
 
-def low_pass_filter(time_s: Floats, autocorrelations: Floats, constant_s: float) -> Floats:
+def low_pass_filter(time_s: Floats, values: Floats, constant_s: float) -> Floats:
     """Return the values after a causal first-order low-pass with a time constant."""
     if constant_s == 0.0:
-        return autocorrelations
+        return values
     weights = -np.expm1(-np.diff(time_s, prepend=time_s[0]) / constant_s)
-    out, state = [], float(autocorrelations[0])
-    for weight, value in zip(weights.tolist(), autocorrelations.tolist(), strict=True):
+    out, state = [], float(values[0])
+    for weight, value in zip(weights.tolist(), values.tolist(), strict=True):
         state += weight * (value - state)
         out.append(state)
     return np.array(out)
@@ -223,9 +223,9 @@ def reference_after(seconds: int, time_s: Floats, reference: Floats) -> Floats:
     return np.interp(time_s + seconds, time_s, reference, right=np.nan)
 
 
-def _rms(autocorrelations: Floats) -> float:
-    return math.sqrt(_mean_square(autocorrelations)) if autocorrelations.size else math.nan
+def _rms(values: Floats) -> float:
+    return math.sqrt(_mean_square(values)) if values.size else math.nan
 
 
-def _mean_square(autocorrelations: Floats) -> float:
-    return float(np.mean(autocorrelations**2)) if autocorrelations.size else math.nan
+def _mean_square(values: Floats) -> float:
+    return float(np.mean(values**2)) if values.size else math.nan

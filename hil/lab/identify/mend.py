@@ -21,17 +21,17 @@ MIN_NOISE_SE = 4.0  # minimum noise variance in standard errors
 
 def remove_repetitions(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
     """Remove recordings, and periods within a recording, that repeat another one exactly."""
-    kept: list[Recording] = []
+    distinct: list[Recording] = []
     for recording in recordings:
-        if any(np.array_equal(_motion(recording), _motion(other)) for other in kept):
+        if any(np.array_equal(_motion(recording), _motion(other)) for other in distinct):
             notes.append(f"{recording.name}: identical to another file; used once")
             continue
         period = _period(_motion(recording))
         if period < recording.time_s.size:
             times = recording.time_s.size / period
             notes.append(f"{recording.name}: {period} rows are repeated {times:.3g} times; used once")
-        kept.append(recording.rows(slice(0, period)))
-    return kept
+        distinct.append(recording.rows(slice(0, period)))
+    return distinct
 
 
 def _motion(recording: Recording) -> Floats:
@@ -168,7 +168,7 @@ def _frozen_rows(values: Floats, rudder: Floats | None, turning: tuple[Floats, F
         return frozen
     steps = np.abs(np.diff(values)[np.diff(values) != 0.0])
     step, usual_step = (
-        float(np.quantile(steps, variance_ratio)) for variance_ratio in (0.05, 0.5)
+        float(np.quantile(steps, fraction)) for fraction in (0.05, 0.5)
     )  # resolution, and step with noise
     for number in np.flatnonzero(is_long).tolist():
         rows = slice(int(bounds[number]), int(bounds[number + 1]))
@@ -230,8 +230,8 @@ def _scale_limits(time_s: Floats, psi: Floats, integral_rad: Floats, windows: in
     spans, y, x = (np.diff(values[cuts]) for values in (time_s, psi, integral_rad))
     is_gapless = spans < 3.0 * float(np.median(spans))  # without a gap
     spans, y, x = spans[is_gapless], y[is_gapless], x[is_gapless]
-    variance_ratio = spans / float(spans @ spans)
-    x, y = x - spans * float(variance_ratio @ x), y - spans * float(variance_ratio @ y)
+    weights = spans / float(spans @ spans)
+    x, y = x - spans * float(weights @ x), y - spans * float(weights @ y)
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
     if spans.size < MIN_WINDOWS or not xx * yy > 0.0 or xy == 0.0:
         return None

@@ -39,18 +39,18 @@ def read(path: Path) -> Recording:
     """Read a .BIN or .BIN.gz log, with times relative to its first tick, or raise UsageError."""
     reader = LogReader(path)
     try:
-        samples_ = _gather(reader)
+        log_data = _gather(reader)
     except LogError as error:
         raise UsageError(f"{path}: {error}") from None
-    if samples_.start_s is None:
+    if log_data.start_s is None:
         raise UsageError(f"{path}: no complete tick; give a log of the autopilot")
     notes = []
     if reader.reading.damaged:
         notes.append(f"{reader.reading.damaged} damaged ticks ignored")
-    headings = _one_kind(samples_.headings, notes)
+    headings = _one_kind(log_data.headings, notes)
     if len(headings) < MIN_ROWS:
         raise UsageError(f"{path}: {len(headings)} headings; give a log of a run with a compass")
-    rudder, time_of_rudder = _rudder(path, samples_, notes)
+    rudder, time_of_rudder = _rudder(path, log_data, notes)
     time_s = np.array([sample.t_s for sample in headings])
     yaw_rates = [sample.yaw_rate_rad_s for sample in headings]
     is_known = np.array([rate is not None for rate in yaw_rates])
@@ -61,11 +61,11 @@ def read(path: Path) -> Recording:
     is_inside = (time_s >= time_of_rudder[0]) & (time_s <= time_of_rudder[-1])
     recording = Recording(
         str(path),
-        time_s[is_inside] - samples_.start_s,
+        time_s[is_inside] - log_data.start_s,
         np.interp(time_s, time_of_rudder, rudder)[is_inside],
         np.array([sample.heading_rad for sample in headings])[is_inside],
         None if rates is None else rates[is_inside],
-        smooth_speed(samples_.speeds, time_s[is_inside], notes),
+        smooth_speed(log_data.speeds, time_s[is_inside], notes),
         tuple(notes),
     )
     columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, rates, recording.speed_m_s)
@@ -75,32 +75,32 @@ def read(path: Path) -> Recording:
 
 
 def _gather(ticks: Iterable[LoggedTick]) -> _LogData:
-    samples_ = _LogData()
+    log_data = _LogData()
     for tick in ticks:
         inputs = tick.inputs
-        if samples_.start_s is None:
-            samples_.start_s = inputs.tick.t_s
+        if log_data.start_s is None:
+            log_data.start_s = inputs.tick.t_s
         if tick.checkpoint is not None:
-            _read_linkage(samples_, tick.checkpoint)
-        samples_.headings.extend(inputs.headings)
-        samples_.shaft_angles.extend(
+            _read_linkage(log_data, tick.checkpoint)
+        log_data.headings.extend(inputs.headings)
+        log_data.shaft_angles.extend(
             (rudder.t_s, rudder.shaft_rad) for rudder in inputs.rudder if rudder.shaft_rad is not None
         )
-        samples_.commands.append((inputs.tick.t_s, tick.command.shaft_rad))
-        samples_.speeds.extend(
+        log_data.commands.append((inputs.tick.t_s, tick.command.shaft_rad))
+        log_data.speeds.extend(
             (fix.t_s, fix.speed_over_ground_m_s) for fix in inputs.positions if fix.speed_over_ground_m_s is not None
         )
-    return samples_
+    return log_data
 
 
-def _read_linkage(samples_: _LogData, checkpoint: str) -> None:
+def _read_linkage(log_data: _LogData, checkpoint: str) -> None:
     """Read the relation of shaft and rudder from the parameters of a stored state."""
     try:
         parameters = json.loads(checkpoint)["parameters"]
         centre_deg, reverse = float(parameters["RUD_CENTRE_DEG"]), bool(parameters["RUD_REVERSE"])
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return
-    samples_.centre_rad, samples_.sign, samples_.has_linkage = radians(centre_deg), -1.0 if reverse else 1.0, True
+    log_data.centre_rad, log_data.sign, log_data.has_linkage = radians(centre_deg), -1.0 if reverse else 1.0, True
 
 
 def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSample]:
@@ -113,25 +113,25 @@ def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSam
         notes.append(
             f"{reference.name.lower()} headings of compass {source} used, {len(samples) - count} others ignored"
         )
-    kept: list[HeadingSample] = []
+    result: list[HeadingSample] = []
     for sample in samples:
-        if (sample.source, sample.reference) == (source, reference) and (not kept or sample.t_s > kept[-1].t_s):
-            kept.append(sample)
-    return kept
+        if (sample.source, sample.reference) == (source, reference) and (not result or sample.t_s > result[-1].t_s):
+            result.append(sample)
+    return result
 
 
-def _rudder(path: Path, samples_: _LogData, notes: list[str]) -> tuple[Floats, Floats]:
+def _rudder(path: Path, log_data: _LogData, notes: list[str]) -> tuple[Floats, Floats]:
     """Return rudder angles [rad] and their times [s]."""
-    pairs = samples_.shaft_angles
+    pairs = log_data.shaft_angles
     if len(pairs) < MIN_ROWS:
-        pairs = samples_.commands
+        pairs = log_data.commands
         notes.append("no rudder feedback: the command is used as rudder angle, so T includes the servo lag")
-    if not samples_.has_linkage:
+    if not log_data.has_linkage:
         notes.append("no stored parameters: the shaft angle is used as rudder angle")
     table = np.array(keep_increasing(pairs), dtype=np.float64)
     if table.shape[0] < MIN_ROWS:
         raise UsageError(f"{path}: too short, {table.shape[0]} rudder angles; give a longer log")
-    return samples_.sign * (table[:, 1] - samples_.centre_rad), table[:, 0]
+    return log_data.sign * (table[:, 1] - log_data.centre_rad), table[:, 0]
 
 
 def smooth_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
@@ -151,8 +151,8 @@ def smooth_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats 
 
 def keep_increasing(pairs: list[Pair]) -> list[Pair]:
     """Remove pairs whose time does not increase."""
-    kept: list[Pair] = []
+    result: list[Pair] = []
     for pair in pairs:
-        if not kept or pair[0] > kept[-1][0]:
-            kept.append(pair)
-    return kept
+        if not result or pair[0] > result[-1][0]:
+            result.append(pair)
+    return result

@@ -78,10 +78,10 @@ def _predict(fit: Fit, data: Data, stretch: Stretch) -> Prediction:
     channel = 0 if stretch.yaw_rate_rad_s is None else 1
     measured = stretch.measured(use_headings=channel == 0)
     for _ in range(START_ITERATIONS):
-        rates_ = _simulate(fit.values, fit.sign, columns, rate)[channel, rows]
-        rate_slope = _simulate(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - rates_
-        constant = np.full(rates_.size, 1.0 - channel)
-        step, *_ = np.linalg.lstsq(np.column_stack((rate_slope, constant)), measured[rows] - rates_, rcond=1e-9)
+        predicted = _simulate(fit.values, fit.sign, columns, rate)[channel, rows]
+        rate_slope = _simulate(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - predicted
+        constant = np.full(predicted.size, 1.0 - channel)
+        step, *_ = np.linalg.lstsq(np.column_stack((rate_slope, constant)), measured[rows] - predicted, rcond=1e-9)
         rate += START_STEP_RAD_S * float(step[0])
     heading, yaw_rate = _simulate(fit.values, fit.sign, columns, rate)
     offset_rad = 0.0 if stretch.heading_rad is None else float(np.mean(stretch.heading_rad[rows] - heading[rows]))

@@ -158,9 +158,7 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, 
         mean = float(np.mean(np.abs(np.concatenate([speed for speed in speeds if speed is not None]))))
         speed_m_s = mean if mean > 1e-3 else None
     stretches = tuple(
-        _to_stretch(recording, rows_, speed_m_s)
-        for recording in recordings
-        for rows_ in _between_gaps(recording, notes)
+        _to_stretch(recording, part, speed_m_s) for recording in recordings for part in _between_gaps(recording, notes)
     )
     return Data(stretches, speed_m_s, tuple(notes), tuple(warnings))
 
@@ -169,16 +167,16 @@ def excerpt(data: Data, rows: int) -> Data:
     """Return about `rows` rows: of each stretch, those in which the rudder moves most."""
     if data.rows <= rows:
         return data
-    slices = []
+    excerpts = []
     for stretch in data.stretches:
         length = min(max(round(rows * stretch.time_s.size / data.rows), MIN_ROWS), stretch.time_s.size)
         firsts = np.linspace(0, stretch.time_s.size - length, 20).astype(int).tolist()
         spreads = [float(np.std(stretch.rudder_rad[at : at + length])) for at in firsts]
         first = firsts[int(np.argmax(spreads))]
-        slices.append(stretch.rows(slice(first, first + length)))
-    slices.sort(key=lambda rows_: -rows_.time_s.size)
+        excerpts.append(stretch.rows(slice(first, first + length)))
+    excerpts.sort(key=lambda part: -part.time_s.size)
     count = max(1, rows // MIN_ROWS)
-    return replace(data, stretches=tuple(slices[:count]))
+    return replace(data, stretches=tuple(excerpts[:count]))
 
 
 def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
@@ -188,9 +186,9 @@ def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
     is_rare = np.count_nonzero(is_jump) * MIN_ROWS_PER_JUMP <= steps.size
     cuts = np.flatnonzero(is_jump if is_rare else steps > MAX_GAP_ROWS * usual_interval_s) + 1
     slices = [slice(low, high) for low, high in pairwise([0, *cuts.tolist(), recording.time_s.size])]
-    long_parts = [rows_ for rows_ in slices if rows_.stop - rows_.start >= MIN_ROWS]
+    long_parts = [part for part in slices if part.stop - part.start >= MIN_ROWS]
     if cuts.size:
-        lost_rows = recording.time_s.size - sum(rows_.stop - rows_.start for rows_ in long_parts)
+        lost_rows = recording.time_s.size - sum(part.stop - part.start for part in long_parts)
         notes.append(
             f"{recording.name}: {cuts.size} gaps; the fit starts again after each"
             + f", {lost_rows} rows between them ignored" * (lost_rows > 0)
@@ -200,13 +198,13 @@ def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
     return long_parts
 
 
-def _to_stretch(recording: Recording, rows_: slice, speed_m_s: float | None) -> Stretch:
-    rows = recording.rows(rows_)
-    heading = rows.heading_rad
+def _to_stretch(recording: Recording, part: slice, speed_m_s: float | None) -> Stretch:
+    selected = recording.rows(part)
+    heading = selected.heading_rad
     if heading is not None:
         heading = np.unwrap(heading)
         heading = heading - heading[0]
-    ratio = np.ones(rows.time_s.size)
-    if speed_m_s is not None and rows.speed_m_s is not None:
-        ratio = np.clip(np.abs(rows.speed_m_s) / speed_m_s, *SPEED_RATIO_RANGE)
-    return Stretch(recording.name, rows.time_s, rows.rudder_rad, heading, rows.yaw_rate_rad_s, ratio)
+    ratio = np.ones(selected.time_s.size)
+    if speed_m_s is not None and selected.speed_m_s is not None:
+        ratio = np.clip(np.abs(selected.speed_m_s) / speed_m_s, *SPEED_RATIO_RANGE)
+    return Stretch(recording.name, selected.time_s, selected.rudder_rad, heading, selected.yaw_rate_rad_s, ratio)

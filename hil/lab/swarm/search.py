@@ -236,5 +236,5 @@ def _set_start(shoal: Shoal, start: Floats, constants: SearchConstants, settings
     shoal.position[: len(start)] = (start - constants.low) / (constants.high - constants.low)
 
 
-def _in_units(place: Floats, constants: SearchConstants) -> Floats:
-    return np.minimum(constants.low + place * (constants.high - constants.low), constants.high)
+def _in_units(position: Floats, constants: SearchConstants) -> Floats:
+    return np.minimum(constants.low + position * (constants.high - constants.low), constants.high)

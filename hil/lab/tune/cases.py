@@ -127,8 +127,8 @@ def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Sea
     return Seas(ships, compass_rad, offset_rad)
 
 
-def _wave_yaw(sea: Scenario, task: Task, ticks: int, generators: np.random.Generator) -> list[float]:
-    waves = WaveYaw(radians(sea.wave_yaw_deg), sea.wave_period_s, task.step_s, NormalNumbers(generators))
+def _wave_yaw(sea: Scenario, task: Task, ticks: int, rng: np.random.Generator) -> list[float]:
+    waves = WaveYaw(radians(sea.wave_yaw_deg), sea.wave_period_s, task.step_s, NormalNumbers(rng))
     yaw_rad = []
     for _ in range(ticks):
         yaw_rad.append(waves.angle_rad(0.0))
@@ -136,8 +136,8 @@ def _wave_yaw(sea: Scenario, task: Task, ticks: int, generators: np.random.Gener
     return yaw_rad
 
 
-def _offset(sea: Scenario, task: Task, ticks: int, generators: np.random.Generator) -> list[float]:
-    drift = RudderDrift(radians(sea.drift_deg), task.step_s, NormalNumbers(generators))
+def _offset(sea: Scenario, task: Task, ticks: int, rng: np.random.Generator) -> list[float]:
+    drift = RudderDrift(radians(sea.drift_deg), task.step_s, NormalNumbers(rng))
     bias_rad = radians(sea.bias_deg)
     angle_rad = []
     for _ in range(ticks):

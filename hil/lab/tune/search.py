@@ -228,5 +228,5 @@ def _simplify(trials: Trials, best: Score, present: Setting, price: float) -> Sc
 
 def _changed_names(chosen: Score, present: Setting) -> tuple[str, ...]:
     """Return the names of the gains and of the other parameters that differ from the vehicle's."""
-    fixed_fields, chosen_values = present.parameters(), chosen.setting.parameters()
-    return tuple(name for name in chosen_values if name in GAINS or chosen_values[name] != fixed_fields[name])
+    present_values, chosen_values = present.parameters(), chosen.setting.parameters()
+    return tuple(name for name in chosen_values if name in GAINS or chosen_values[name] != present_values[name])

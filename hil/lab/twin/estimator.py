@@ -78,11 +78,11 @@ def update(
 @inner
 def count_fixes(plant_state: Plant, now_s: float) -> int:
     """Return the number of received fixes; the first epoch is complete after EPOCH_TIMEOUT_S without sentences."""
-    if not (plant_state.first_given or now_s - plant_state.first_fix_s > EPOCH_TIMEOUT_S):
+    if not (plant_state.has_fixes or now_s - plant_state.first_fix_s > EPOCH_TIMEOUT_S):
         return 0
     count = 0
     while count < plant_state.fix_count and plant_state.fixes[count, ARRIVAL_S] <= now_s:
-        plant_state.first_given = True
+        plant_state.has_fixes = True
         count += 1
     return count
 

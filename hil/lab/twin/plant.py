@@ -25,7 +25,7 @@ PLANT = np.dtype(
         ("headings", np.float64, (QUEUE_SIZE, 2)),
         ("fixes", np.float64, (QUEUE_SIZE, FIX_COLUMNS)),
         *((name, np.int64) for name in ("heading_count", "fix_count", "step", "sample", "epoch", "filtered", "row")),
-        ("first_given", np.bool_),
+        ("has_fixes", np.bool_),
         *((name, np.float64) for name in ("shaft_rad", "feedback_rad", "north_m_s", "east_m_s", "first_fix_s")),
     ]
 )

@@ -186,12 +186,12 @@ def test_change_recompiles_only_functions_that_it_can_affect(copied_sources, cha
         file.write("# changed\n")
     compiled_module._source.cache_clear()
     after = [sources_digest(kernel) for kernel in kernels]
-    folder_found = {
+    changed_kernels = {
         kernel
         for kernel, digest_before, digest_after in zip(kernels, before, after, strict=True)
         if digest_before != digest_after
     }
-    assert {path.relative_to(copied_sources / "hil/lab").as_posix() for path in folder_found} == recompiled
+    assert {path.relative_to(copied_sources / "hil/lab").as_posix() for path in changed_kernels} == recompiled
 
 
 COMPILING = """

@@ -152,19 +152,19 @@ def assert_closed_loop_is_identical(seed: int, ticks: int) -> None:
         LawSettings.of(PARAMETERS), RudderLimits.of(PARAMETERS), kt.OCEAN_RAMBLER,
         *(goal_rad, compass_error_rad, offset_rad, gain_reduction),
     )  # fmt: skip
-    compiled_function, plain = np.zeros(ticks), np.zeros(ticks)
-    simulate(*inputs, compiled_function)
+    compiled_rad, plain_rad = np.zeros(ticks), np.zeros(ticks)
+    simulate(*inputs, compiled_rad)
     # Floats of Python, because those of numpy divide by zero without an exception.
-    simulate.py_func(*inputs[:3], *(Column(column) for column in inputs[3:]), plain)
-    assert np.array_equal(compiled_function, plain)
-    assert np.ptp(compiled_function) > 0.5
+    simulate.py_func(*inputs[:3], *(Column(column) for column in inputs[3:]), plain_rad)
+    assert np.array_equal(compiled_rad, plain_rad)
+    assert np.ptp(compiled_rad) > 0.5
 
 
 class Column:
     """A column of numbers whose items are floats of Python."""
 
-    def __init__(self, rng):
-        self.numbers, self.size = rng.tolist(), rng.size
+    def __init__(self, numbers):
+        self.numbers, self.size = numbers.tolist(), numbers.size
 
     def __getitem__(self, number):
         return self.numbers[number]
@@ -192,10 +192,10 @@ def assert_filter_is_identical(seed: int, seconds: float) -> None:
     t_s[n // 5 :] += 30.0
     t_s[n // 4 : n // 4 + 2] -= 1.2
     t_s[-n // 8 :] += 700.0
-    compiled_function = filter_rows(t_s, compass_rad, rudder_rad, kt.OCEAN_RAMBLER)
+    filters = filter_rows(t_s, compass_rad, rudder_rad, kt.OCEAN_RAMBLER)
     columns = (Column(t_s), Column(compass_rad), Column(rudder_rad))
-    assert bits(filter_rows.py_func(*columns, kt.OCEAN_RAMBLER)) == bits(compiled_function)
-    assert compiled_function[0].begun_s > 700.0
+    assert bits(filter_rows.py_func(*columns, kt.OCEAN_RAMBLER)) == bits(filters)
+    assert filters[0].begun_s > 700.0
 
 
 @pytest.mark.proof

@@ -44,9 +44,9 @@ def test_options_replace_those_of_the_scenario():
 
 def test_a_fault_has_drawn_times():
     fault = {"what": ["none", "killed"], "at_s": {"uniform": [100, 200]}, "for_s": 20}
-    faults_ = [row.fault for row in rows(read(engine="firmware", fault=fault, **{"with": None}), 0, 40)]
-    assert {first.name for first in faults_} == {"none", "killed"}
-    assert all(100 <= first.at_s <= 200 and first.for_s == 20 for first in faults_)
+    faults = [row.fault for row in rows(read(engine="firmware", fault=fault, **{"with": None}), 0, 40)]
+    assert {drawn.name for drawn in faults} == {"none", "killed"}
+    assert all(100 <= drawn.at_s <= 200 and drawn.for_s == 20 for drawn in faults)
     assert next(rows(read(), 0, 1)).fault is None
 
 
@@ -59,6 +59,6 @@ def test_run_options_contain_all_of_a_row(tmp_path):
 
 
 def test_extremes_of_every_scenario():
-    faults_ = [(row.scenario.name, row.scenario.disturbances.receiver.lost) for row in extremes(read())]
-    assert faults_ == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
+    receivers = [(row.scenario.name, row.scenario.disturbances.receiver.lost) for row in extremes(read())]
+    assert receivers == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
     assert replace(next(extremes(read())), index=0).index == 0

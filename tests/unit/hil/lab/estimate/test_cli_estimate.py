@@ -23,8 +23,8 @@ MAX_RMS_DEG = 0.8  # of the heading; the best low-passed compass has 0.65
 LOGS = ROOT / "tests" / "replay" / "data"
 
 
-def difference_deg(one, other_summary):
-    return np.degrees((one - other_summary + math.pi) % math.tau - math.pi)
+def difference_deg(first, second):
+    return np.degrees((first - second + math.pi) % math.tau - math.pi)
 
 
 def first_rows(recording, count):

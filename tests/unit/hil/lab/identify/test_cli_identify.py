@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.parameters import parse_file
+from firmware_py.link.nmea import sentence
 from hil.__main__ import main
 
 HEADER = "time_s,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s"
@@ -40,6 +41,10 @@ INVALID_FILES = {
         ": only 10 rows have a heading or yaw rate with a rudder near it; fill the empty cells",
     ),
     "two logs": (csv_text(ROWS) + csv_text(ROWS), ":102: the column names are repeated; split the file"),
+    "NMEA with one time": (
+        (sentence("II", "HDT", ["12.5", "T"]) + sentence("GP", "ZDA", ["120000", "27", "11", "2026", "00", "00"])) * 50,
+        "NMEA 0183 with 1 times; the capture needs RMC, GGA, GLL or ZDA",
+    ),
     "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "NMEA 0183 sentences instead of a table"),
     "damaged gzip": (gzip.compress(csv_text(ROWS).encode())[:-40], "its gzip data is damaged"),
     "decreasing time": (with_row(50, "0.35,0.3,0,0.01,0.4"), ":52: time_s 0.35 is not later than 4.9; sort the rows"),

@@ -192,7 +192,8 @@ def test_nmea_capture_is_read():
     assert np.median(np.diff(recording.time_s)) == pytest.approx(
         1.0, rel=0.1
     )  # interval of the rudder; that of the headings is 0.1 s
-    assert np.max(np.abs(recording.rudder_rad)) < np.radians(40.0)
+    assert np.degrees(recording.rudder_rad[:2]).tolist() == pytest.approx([-4.2, -4.1])
+    assert np.degrees(recording.heading_rad[0]) == pytest.approx(233.1)
     assert not nmea_capture.is_capture(YACHT_LOG)
     lag = identify([recording]).judgement.estimates["T"]  # with the rows of the headings it was 0.036 s
     assert 0.2 < lag.value < 3.0
