@@ -94,10 +94,8 @@ class Boat:
 
     def tick(self, *intents):
         self.positions_m[self.t_s] = self.north_m, self.east_m
-        t_s, noise_rad = (
-            self.t_s,
-            self.rng.normal(0.0, math.radians(0.3)),
-        )  # a constant heading would be reported as frozen
+        t_s = self.t_s
+        noise_rad = self.rng.normal(0.0, math.radians(0.3))  # a constant heading would be reported as frozen
         heading_rad = (self.plant.heading_rad + noise_rad) % TWO_PI
         self.line.inbox += self.transponder.take_output(t_s)
         self.receiver.receive(t_s)

@@ -125,9 +125,8 @@ def test_six_hours_with_a_power_cut_are_logged_completely(tmp_path, monkeypatch)
     ends = (End("cut", 150.0),)
     boat = simulate(tmp_path, monkeypatch, 0.25, 300.0, causes, ends)
     errors = assert_good(boat, ends)
-    assert (
-        max(errors["solar"], errors["load"]) < 0.01
-    )  # the others are so small that the loss at the cut is significant
+    # The others are so small that the loss at the cut is significant.
+    assert max(errors["solar"], errors["load"]) < 0.01
     assert "Started again: cut off (the first time)" in boat.text_counts
     assert boat.text_counts["Armed"] == 1  # after the cut the boat continues
 

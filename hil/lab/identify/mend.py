@@ -167,9 +167,8 @@ def _frozen_rows(values: Floats, rudder: Floats | None, turning: tuple[Floats, F
     if not is_long.any() or moving_rows < MIN_WINDOWS:
         return frozen
     steps = np.abs(np.diff(values)[np.diff(values) != 0.0])
-    step, usual_step = (
-        float(np.quantile(steps, fraction)) for fraction in (0.05, 0.5)
-    )  # resolution, and step with noise
+    # Resolution, and step with noise.
+    step, usual_step = (float(np.quantile(steps, fraction)) for fraction in (0.05, 0.5))
     for number in np.flatnonzero(is_long).tolist():
         rows = slice(int(bounds[number]), int(bounds[number + 1]))
         width = max(min(int(lengths[number]), moving_rows // 4), 2)
@@ -228,7 +227,7 @@ def _scale_limits(time_s: Floats, psi: Floats, integral_rad: Floats, windows: in
     """Return limits of the ratio of heading changes to integrated yaw rates, without a constant yaw rate error."""
     cuts = np.linspace(0, time_s.size - 1, windows + 1).astype(int)
     spans, y, x = (np.diff(values[cuts]) for values in (time_s, psi, integral_rad))
-    is_gapless = spans < 3.0 * float(np.median(spans))  # without a gap
+    is_gapless = spans < 3.0 * float(np.median(spans))
     spans, y, x = spans[is_gapless], y[is_gapless], x[is_gapless]
     weights = spans / float(spans @ spans)
     x, y = x - spans * float(weights @ x), y - spans * float(weights @ y)

@@ -16,10 +16,8 @@ from hil.lab.reproduce.chain import Chain, Voyage
 from hil.lab.reproduce.heading_test import GOAL_S, GOALS_DEG
 from hil.ship import scenarios
 
-MAX_EXCESS = {
-    30.0: 0.085,
-    90.0: 0.025,
-}  # of the ITAE of 40, 0.3 over the minimum; the paper's figures are about 8 and 2 %
+# step [deg] -> excess of the ITAE of 40, 0.3 over the minimum; the paper's figures are about 8 and 2 %
+MAX_EXCESS = {30.0: 0.085, 90.0: 0.025}
 MAX_ERROR_DEG = {"tank": 3.0, "sea": 8.0}
 MAX_PREDICTION_MEAN_DEG, MAX_PREDICTION_ERROR_DEG = 0.6, 10.0
 MIN_VISIBLE_OVERSHOOT = 0.03  # relative to the step
@@ -27,11 +25,8 @@ RADIUS_M = (20.0, 30.0)
 SEA_SPEEDS_KN = (1.5, 2.1)
 NOT_PRINTED = "not given"
 MAX_STANDARD_ERRORS = 3.0
-PRINTED = (
-    ("K", "1/s", 0.0005),
-    ("T", "s", 0.5),
-    ("alpha", "s^2", 0.5),
-)  # name, unit, and half of the last printed digit
+# name, unit, and half of the last printed digit
+PRINTED = (("K", "1/s", 0.0005), ("T", "s", 0.5), ("alpha", "s^2", 0.5))
 
 
 class Verdict(Enum):

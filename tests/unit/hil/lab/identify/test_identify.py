@@ -189,9 +189,8 @@ def test_nmea_capture_is_read():
     path = DATA / "nmea" / "gpsd_bundg_zeus_9.nmea"
     assert nmea_capture.is_capture(path)
     recording = nmea_capture.read(path)
-    assert np.median(np.diff(recording.time_s)) == pytest.approx(
-        1.0, rel=0.1
-    )  # interval of the rudder; that of the headings is 0.1 s
+    # Interval of the rudder; that of the headings is 0.1 s.
+    assert np.median(np.diff(recording.time_s)) == pytest.approx(1.0, rel=0.1)
     assert np.degrees(recording.rudder_rad[:2]).tolist() == pytest.approx([-4.2, -4.1])
     assert np.degrees(recording.heading_rad[0]) == pytest.approx(233.1)
     assert not nmea_capture.is_capture(YACHT_LOG)

@@ -102,6 +102,5 @@ def test_results_of_a_short_run_are_as_computed_by_hand():
     assert results[loop_kernel.MEAN] == pytest.approx(-2.0)
     # rudder over the steady parts: 0 + 0.5, then 2 + 4, in four ticks of half a second
     assert results[loop_kernel.TRAVEL] == pytest.approx(6.5 / 2.0)
-    assert results[loop_kernel.OVERSHOOT] == pytest.approx(
-        0.2
-    )  # 2 beyond 10; the second leg never passes its goal early
+    # 2 beyond 10; the second leg never passes its goal early
+    assert results[loop_kernel.OVERSHOOT] == pytest.approx(0.2)
