@@ -41,13 +41,7 @@ from firmware_py.estimate import (
 from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.estimate.heading_tick import HeadingSettings
 from firmware_py.model import heading_estimate, kt
-from firmware_py.safety import (
-    convergence,
-    oscillation,
-    steering_loss,
-    steering_monitor,
-    steering_reversal,
-)
+from firmware_py.safety import convergence, oscillation, steering_loss, steering_monitor, steering_reversal
 
 __all__ = [
     "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "Motion", "NoiseLevels",

@@ -18,11 +18,8 @@ from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 from support import oracle
 
-MISSED_TARGETS = {
-    "swell": 1067.0,
-    "weak": 1200.0,
-    "weak+float=0.3:0.6": 1300.0,
-}  # sea -> rudder travel of its target [deg/h]
+# sea -> rudder travel of its target [deg/h]
+MISSED_TARGETS = {"swell": 1067.0, "weak": 1200.0, "weak+float=0.3:0.6": 1300.0}
 GOALS, SECONDS = parse_goals("0:0,120:60,720:-30"), 1320.0
 SEEDS, MORE_SEEDS = range(1, 6), range(1, 11)
 ORACLES = {

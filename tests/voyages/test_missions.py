@@ -89,10 +89,7 @@ def test_pause_change_and_replacement_of_a_mission():
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     boat.tick(PauseMission(paused=True))
     boat.run(20.0)
-    assert (boat.snapshot.mission.state, boat.snapshot.navigation.activity) == (
-        MissionState.PAUSED,
-        Activity.STATION,
-    )
+    assert (boat.snapshot.mission.state, boat.snapshot.navigation.activity) == (MissionState.PAUSED, Activity.STATION)
     boat.tick(PauseMission(paused=False))
     boat.tick(SetMissionItem(1))
     boat.run(1.0)

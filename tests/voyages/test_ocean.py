@@ -51,11 +51,7 @@ ROWS = (
     Row("sea+float=0.3:0.6,receiver=0:1", (4.66, 5265.0), {RMS: 2.0, TRAVEL: 1500.0}),
     Row("sea+float=0.3:0.6", (1.30, 1067.0), {RMS: 1.3, TRAVEL: 1000.0, OVERSHOOT: 5.0}),
     Row("weak+float=0.3:0.6", (1.47, 1957.0), {RMS: 1.35, TRAVEL: 1300.0}, {RMS: 1.48}),
-    Row(
-        "swell+leeway=8",
-        (2.40, 1809.0),
-        {RMS: 1.6, TRAVEL: 1200.0, MEAN: 0.3, OVERSHOOT: 4.0, SETTLED: 60.0},
-    ),
+    Row("swell+leeway=8", (2.40, 1809.0), {RMS: 1.6, TRAVEL: 1200.0, MEAN: 0.3, OVERSHOOT: 4.0, SETTLED: 60.0}),
     Row("swell+orbital=0.4", (3.96, 2200.0), {RMS: 3.3, TRAVEL: 2500.0}),
     Row("swell+float=0.2:0.5,orbital=0.4,leeway=8", (5.74, 2861.0), {RMS: 3.9, TRAVEL: 2800.0}),
     # These seas must not become worse. The aims are from other seeds; `before` is from commit 97e86a0 with these seeds.

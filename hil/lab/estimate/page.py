@@ -259,10 +259,7 @@ def _input_rows(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:
     yield "rudder", Cell("recorded" if summary["rudder_recorded"] else "not recorded: assumed centred")
     for name in ("through_water", "over_ground"):
         speed = summary[f"recorded_speed_{name}_m_s"]
-        yield (
-            f"speed {name.replace('_', ' ')}",
-            Cell("not recorded" if speed is None else f"mean {_text(speed)} m/s"),
-        )
+        yield f"speed {name.replace('_', ' ')}", Cell("not recorded" if speed is None else f"mean {_text(speed)} m/s")
 
 
 def _text(value: float | None) -> str:

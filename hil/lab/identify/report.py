@@ -189,11 +189,7 @@ def as_parameters(result: Identification, unit: str) -> str:
     if estimates["K"].value <= 0.0:
         raise UsageError("no parameter file: K is negative; invert the sign of the rudder column")
     model = result.model()
-    values = {
-        "MDL_K": model.turning_ability_1_s,
-        "MDL_T_S": model.turning_lag_s,
-        "MDL_ALPHA_S2": model.norrbin_s2,
-    }
+    values = {"MDL_K": model.turning_ability_1_s, "MDL_T_S": model.turning_lag_s, "MDL_ALPHA_S2": model.norrbin_s2}
     if result.data.speed_m_s is not None:
         values["MDL_SPEED"] = result.data.speed_m_s
     trim_deg = degrees(estimates["delta0"].value)

@@ -93,12 +93,7 @@ def simulate_manoeuvre(model: KtModel, sea: Scenario, steer: Steer, seconds: flo
     max_change_rad = DEFAULT_SLEW_RAD_S * GRID_S
     for row, noise in enumerate(noise_rad.tolist()):
         measured_rad = _round(hull.heading_rad(0.0) + noise, COMPASS_RESOLUTION_RAD)
-        rows[row] = (
-            row / ROWS_PER_SECOND,
-            _round(angle_rad, ENCODER_RAD),
-            measured_rad,
-            hull.heading_low_rad(0.0),
-        )
+        rows[row] = (row / ROWS_PER_SECOND, _round(angle_rad, ENCODER_RAD), measured_rad, hull.heading_low_rad(0.0))
         # The servo stops at a full count, so that the encoder has no mean error.
         target_rad = _round(steer(row / ROWS_PER_SECOND, measured_rad), ENCODER_RAD)
         for _ in range(STEPS_PER_ROW):

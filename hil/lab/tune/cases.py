@@ -113,12 +113,7 @@ def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Sea
     offset_rad = np.zeros((len(cases), ticks))
     for row, case in enumerate(cases):
         ship = case.ship(model)
-        ships[row] = (
-            ship.turning_ability_1_s,
-            ship.turning_lag_s,
-            ship.norrbin_s2,
-            steps_in(ship, task.step_s),
-        )
+        ships[row] = (ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2, steps_in(ship, task.step_s))
         generators = [np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, row, k]))) for k in range(3)]
         compass_rad[row] = radians(COMPASS_NOISE_DEG) * generators[0].standard_normal(ticks)
         compass_rad[row] += _wave_yaw(case.scenario, task, ticks, generators[1])

@@ -13,29 +13,10 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.lab.tune import paper
 from hil.lab.tune.paper import StepStudy
-from hil.lab.tune.report import (
-    Report,
-    Trace,
-    case_rows,
-    choice_lines,
-    parameter_file,
-    study_line,
-    switched_off_lines,
-)
+from hil.lab.tune.report import Report, Trace, case_rows, choice_lines, parameter_file, study_line, switched_off_lines
 from hil.lab.tune.trials import Score
 from hil.report import page
-from hil.report.style import (
-    COMMAND,
-    COMPASS,
-    GOAL,
-    HULL,
-    INK,
-    add_headroom,
-    add_legend,
-    finish,
-    name_panel,
-    new_figure,
-)
+from hil.report.style import COMMAND, COMPASS, GOAL, HULL, INK, add_headroom, add_legend, finish, name_panel, new_figure
 
 SIZE_INCHES = (13.0, 8.6)
 EXCESS_PERCENT = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)

@@ -113,10 +113,8 @@ class Autopilot(NamedTuple):
     law: LawSettings
 
 
-ARMED_S, GUARD_S = (
-    0.28,
-    0.003,
-)  # time of arming and mode change; messages within GUARD_S before a tick are received at the next tick
+ARMED_S = 0.28  # time of arming and mode change
+GUARD_S = 0.003  # messages within GUARD_S before a tick are received at the next tick
 LOCK_MARGIN_S, MAX_PHASE_STEP, LOCK_GAIN = 0.002, 0.005, 0.1
 PERIOD_S = 1.0 / 10.0
 MAX_STEP_S = 1.0

@@ -60,10 +60,7 @@ def wave_process(
         if k == 0:
             y, v = sds[0] * first, sds[1] * second
         else:
-            y, v = (
-                a[0][0] * y + a[0][1] * v + n[0] * first,
-                a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second,
-            )
+            y, v = a[0][0] * y + a[0][1] * v + n[0] * first, a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second
         out[2 * k], out[2 * k + 1] = y, v
 
 

@@ -209,10 +209,7 @@ def velocity_without_waves(hull: Floats, ship: Ship, heading_rad: float, t_s: fl
         north_m_s, east_m_s = along * north_m_s - across * east_m_s, along * east_m_s + across * north_m_s
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     speed_m_s, sideways_m_s = hull[NOW_SPEED], hull[SIDEWAYS]
-    return (
-        speed_m_s * cosine - sideways_m_s * sine + north_m_s,
-        speed_m_s * sine + sideways_m_s * cosine + east_m_s,
-    )
+    return (speed_m_s * cosine - sideways_m_s * sine + north_m_s, speed_m_s * sine + sideways_m_s * cosine + east_m_s)
 
 
 @compiled

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.__main__ import main
-from hil.lab.estimate import page
+from hil.lab.estimate import log_file, page
 from support.ardupilot_log import log_bytes
 from support.paths import ROOT
 from support.recorded_sea import sea, text_of
@@ -189,6 +189,12 @@ def test_onboard_log_is_estimated(estimate):
     assert summary["rudder_recorded"]
     assert summary["positions"] == 59
     assert summary["faults"] == []
+
+
+def test_goals_of_an_onboard_log_have_the_times_of_their_ticks():
+    recording = log_file.read(LOGS / "tank.BIN")
+    assert recording.goal_s[[0, -1]] == pytest.approx([0.0, 59.9], abs=0.05)
+    assert recording.goal_rad[-1] == pytest.approx(math.radians(60.0))
 
 
 def test_compass_failure_in_an_onboard_log_is_a_fault(estimate):

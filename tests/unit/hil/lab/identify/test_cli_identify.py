@@ -48,10 +48,7 @@ INVALID_FILES = {
     "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "NMEA 0183 sentences instead of a table"),
     "damaged gzip": (gzip.compress(csv_text(ROWS).encode())[:-40], "its gzip data is damaged"),
     "decreasing time": (with_row(50, "0.35,0.3,0,0.01,0.4"), ":52: time_s 0.35 is not later than 4.9; sort the rows"),
-    "degrees": (
-        with_row(5, "0.5,20,0,0.01,0.4"),
-        ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); for degrees use",
-    ),
+    "degrees": (with_row(5, "0.5,20,0,0.01,0.4"), ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); for degrees use"),
     "degrees per second": (
         with_row(5, "0.5,0.3,0,45,0.4"),
         ":7: yaw_rate_rad_s 45 is beyond 30; give radians per second",

@@ -182,10 +182,7 @@ def test_heading_in_named_radians_is_accepted_for_a_fast_turn_with_a_warning(rea
         (table("time,rudder_rad,heading_rad", (500 * TIME, RUDDER, HEADING)), ": the rows are 250 apart in time"),
         (table("time_s,rudder,heading", (TIME, RUDDER, 60 * TIME)), ": rudder has values up to 0.3 and no unit"),
         (table("time_s,rudder,heading", (TIME, 300 * RUDDER, 60 * TIME)), ": rudder has values up to 90 and no unit"),
-        (
-            with_times([f"{TIME[n - (n % 10 == 5)]:.1f}" for n in range(ROWS)]),
-            ":7: time_s 2 is not later than 2",
-        ),
+        (with_times([f"{TIME[n - (n % 10 == 5)]:.1f}" for n in range(ROWS)]), ":7: time_s 2 is not later than 2"),
     ],
 )
 def test_invalid_table_is_refused_with_its_line(read_table, text, error):

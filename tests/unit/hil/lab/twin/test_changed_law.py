@@ -23,10 +23,7 @@ from hil.lab.compiled import compiled
 from hil.lab.numeric_core import Gains, heading_model, law
 
 gains, motion = Gains(8.0, 6.0, 0.5, 0.03, 0.0), heading_model.begin(0.0, heading_model.NoiseLevels())
-for function, arguments in (
-    (law.s_surface, (gains, 0.8, 0.01)),
-    (heading_model.log_likelihood, (3.0, 1.0)),
-):
+for function, arguments in ((law.s_surface, (gains, 0.8, 0.01)), (heading_model.log_likelihood, (3.0, 1.0))):
     print(repr(function(*arguments)), repr(compiled(function)(*arguments)))
 """
 LOOP = """
