@@ -132,10 +132,10 @@ class Ship:
 
 
 class Gauge(VeDirectEmulator):
-    """A charger or monitor that measures when it is asked, and then since it was asked last."""
+    """A charger or monitor that measures at each call, over the time since the last call."""
 
     def output(self, now_s):
-        return self._block(now_s) if int(now_s) > int(self._before[0]) else b""
+        return self._measure(now_s) if int(now_s) > int(self._previous[0]) else b""
 
 
 class World:

@@ -302,7 +302,7 @@ def test_headings_of_mission_need_no_position():
 
 
 def test_mode_with_heading_task_needs_no_position(monkeypatch):
-    monkeypatch.setitem(guidance._TASKS, Mode.RTL, lambda *_: HoldHeading(1.0))
+    monkeypatch.setitem(guidance._TASK_SELECTORS, Mode.RTL, lambda *_: HoldHeading(1.0))
     boat = rig.Sailing(rig.scenario(0.6), 1, BOOT_MODE=11, BOOT_ARM=1)
     boat.fix_every = 10**9
     boat.index = 1  # tick 0 would have a fix
