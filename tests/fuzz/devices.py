@@ -1,7 +1,9 @@
 """Drivers of sensors and servos on a line with any input, and decoding of captures."""
 
+import functools
 import json
 import math
+import operator
 import struct
 from functools import partial
 
@@ -19,11 +21,8 @@ MAX_BUFFERED_BYTES = 16_384  # bytes in the buffers of a driver
 MAX_UTC_S = 5e9  # in 2128; years of two digits and clocks of 32 bits end earlier
 
 
-def frame_nmea(body):
-    checksum = 0
-    for byte in body:
-        checksum ^= byte
-    return b"$%s*%02X\r\n" % (body, checksum)
+def frame_nmea(body, start=b"$"):
+    return b"%s%s*%02X\r\n" % (start, body, functools.reduce(operator.xor, body, 0))
 
 
 def frame_ubx(body):
@@ -51,15 +50,8 @@ def frame_volz(body):
 
 def frame_ais(body):
     """Frame bytes as an AIS message of one sentence; the payload has only characters of the armouring."""
-    return ais_sentence(b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body))
-
-
-def ais_sentence(payload):
-    checksum = 0
-    text = b"AIVDM,1,1,,A,%s,0" % payload
-    for byte in text:
-        checksum ^= byte
-    return b"!%s*%02X\r\n" % (text, checksum)
+    payload = b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body)
+    return frame_nmea(b"AIVDM,1,1,,A,%s,0" % payload, b"!")
 
 
 ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"

@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import (
-    Answer,
     Arm,
     BenchRudder,
     EnableFence,
@@ -29,23 +28,18 @@ from firmware_py.common.intents import (
     SetParameter,
     SteerHeading,
     SteerPosition,
-    Verdict,
 )
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plans
 from firmware_py.common.records import FixType, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.common.reports import MissionReport, MissionState, Output, Snapshot
-from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.streams import MAX_INTERVAL_S, MIN_INTERVAL_S
 from firmware_py.link.telemetry.table import TABLE
-from firmware_py.link.wire.urls import PLAIN
 from firmware_py.plans.validation import problem_of
-from support.link import DecidesTogether
+from support.link import FakeRequestHandler, MemoryTransport
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)
@@ -57,87 +51,25 @@ SNAPSHOT = Snapshot(
 )  # fmt: skip
 
 
-class AcceptingHandler(DecidesTogether):
+class CheckedHandler(FakeRequestHandler):
     """Accepts all requests except invalid parameters, and stores them."""
-
-    def __init__(self):
-        self.intents = []
-        self.values = ParameterSet()
-        self.stored_plans = Plans()
-        self.compass_swing = CompassSwing()
 
     def decide(self, request):
         assert math.isfinite(request.t_s)
-        self.intents.append(request.intent)
-        if isinstance(request.intent, SetParameter):
-            try:
-                self.values = self.values.replaced(request.intent.name, request.intent.value)
-            except ValueError as error:
-                return Answer(Verdict.DENIED, str(error))
-        return Answer(Verdict.ACCEPTED)
-
-    def parameters(self):
-        return self.values
-
-    def plans(self):
-        return self.stored_plans
-
-    def replace_plan(self, request, done):
-        self.intents.append(request.intent)
-        self.stored_plans = self.stored_plans.replaced(request.intent.plan)
-        done(Answer(Verdict.ACCEPTED))
-
-    def when_stored(self, call):
-        call(True)
-
-    when_orders_stored = when_stored
+        return super().decide(request)
 
 
-class MemoryLink:
-    """A transport in memory that delivers one piece per call, like a socket."""
-
-    name = "pipe"
-    byte_rate = None
-    radio = False
-    datagrams = True
-    options = PLAIN
-    exposed = False
-    blocked_reason = ""
-
-    def __init__(self):
-        self.inbox = []
-        self.sent = bytearray()
-
-    def descriptors(self):
-        return (5,)
+class PiecewiseTransport(MemoryTransport):
+    """Delivers one piece per call, like a socket."""
 
     def receive(self, descriptor):
         return [self.inbox.pop(0)] if self.inbox else []
 
-    def send(self, address, data):
-        self.sent += data
-        return True
-
-    def addresses(self):
-        return ("station",)
-
-    def connections(self):
-        return ()
-
-    def host(self, address):
-        return address
-
-    def poll(self, now_s):
-        pass
-
-    def close(self):
-        pass
-
 
 class Rig:
     def __init__(self):
-        self.pipe = MemoryLink()
-        self.request_handler = AcceptingHandler()
+        self.pipe = PiecewiseTransport()
+        self.request_handler = CheckedHandler()
         self.endpoint = Endpoint([self.pipe], self.request_handler, utc_s=lambda: 0.0, version=Version())
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.endpoint.publish(Output(RudderCommand(0.0, True), SNAPSHOT), 0.0)
@@ -149,12 +81,12 @@ class Rig:
         for start in range(0, len(data), 1024):
             self.pipe.inbox.append(("station", data[start : start + 1024]))
         while self.pipe.inbox or self.endpoint.busy:
-            self.endpoint.service(self.now_s, [5])
+            self.endpoint.service(self.now_s, [self.pipe.descriptor])
 
     def replies(self):
-        sent = bytes(self.pipe.sent)
+        data = b"".join(data for _, data in self.pipe.sent)
         self.pipe.sent.clear()
-        return mavlink.MAVLink(None).parse_buffer(sent) or []
+        return mavlink.MAVLink(None).parse_buffer(data) or []
 
     def ping(self, number):
         return mavlink.MAVLink_ping_message(0, number, 0, 0).pack(self.station)
@@ -410,7 +342,7 @@ def feed_noise(total_bytes, rng):
         replies = [reply.seq for reply in rig.replies() if reply.get_type() == "PING"]
         assert number in replies
         assert all(map(is_valid_intent, rig.request_handler.intents))
-        rig.request_handler.intents.clear()
+        rig.request_handler.requests.clear()
     return rig
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
-from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
     DeviceHealth,
@@ -26,9 +26,10 @@ from firmware_py.common.records import (
     Severity,
     Tick,
 )
-from firmware_py.common.reports import Output, Snapshot
+from firmware_py.common.reports import Output
 from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
+from support.link import SNAPSHOT
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 any_float = st.floats(allow_nan=False)  # in requests; comparison by repr excludes NaN
@@ -86,12 +87,8 @@ commands = st.builds(RudderCommand, any_float, flags)
 
 
 def output_for(inputs, command):
-    unknown = "yaw_rate_rad_s roll_rad pitch_rad goal_heading_rad heading_error_rad bearing_rad distance_m rudder_rad"
-    snapshot = Snapshot(
-        t_s=inputs.tick.t_s, tick=inputs.tick.index, mode=Mode.GUIDED, armed=True, heading_rad=0.1, heading_ok=True,
-        rudder_command_rad=command.shaft_rad, rudder_ok=False, servo=None, position=None, position_ok=False, faults=0,
-        rate_hz=10.0, skipped_total=0, late_s=0.0, **dict.fromkeys(unknown.split()),
-    )  # fmt: skip
+    tick = inputs.tick
+    snapshot = replace(SNAPSHOT, t_s=tick.t_s, tick=tick.index, rudder_command_rad=command.shaft_rad)
     return Output(command, snapshot, (Event(Severity.INFO, "é" * 40),))
 
 
