@@ -1,5 +1,6 @@
 """Each fault, provoked through the device emulators in lockstep, is reported, acted on and cleared."""
 
+import functools
 import math
 import os
 import shutil
@@ -27,6 +28,12 @@ def no_change(_bench):
     pass
 
 
+def set_value(path, value):
+    """Return a function that sets an attribute of the bench, such as compass.frozen."""
+    *owners, name = path.split(".")
+    return lambda bench: setattr(functools.reduce(getattr, owners, bench), name, value)
+
+
 @dataclass(frozen=True)
 class Drill:
     """A fault: how it is provoked and repaired, time limits of report and recovery, and checks."""
@@ -41,14 +48,6 @@ class Drill:
     start_s: float = 10.0  # of the fault
     fault_time_s: float = 5.0  # from the fault to the check
     options: dict = field(default_factory=dict)
-
-
-def silence_compass(bench, *, silent=True):
-    bench.compass.silent = silent
-
-
-def unsilence_compass(bench):
-    silence_compass(bench, silent=False)
 
 
 def check_rudder_held_then_centred(bench, t0_s):
@@ -97,18 +96,6 @@ def check_rudder_follows(bench):
     assert abs(bench.rudder_deg() - bench.command_deg()) < 3.0
 
 
-def move_position(bench, north_m=1e4):
-    bench.whereabouts.north_m = north_m
-
-
-def set_fix(bench, *, is_present):
-    bench.gps.fix = is_present
-
-
-def set_attitude_error(bench, degrees):
-    bench.attitude.error_rad = math.radians(degrees)
-
-
 def push_shaft_away(bench):
     """Push the shaft away from its command against the motor."""
     for turn in range(40):
@@ -123,14 +110,6 @@ def check_torque_relieved(bench, t0_s):
     assert bench.mode() == "GUIDED"
 
 
-def set_servo(**values):
-    def change(bench):
-        for name, value in values.items():
-            setattr(bench.servo.motor, name, value)
-
-    return change
-
-
 def remove_logs(bench):
     logs = bench.directory / "state" / "logs"
     while not any(path.stat().st_size for path in logs.glob("*.BIN")):
@@ -139,20 +118,12 @@ def remove_logs(bench):
     logs.write_text("in the way")
 
 
-def restore_logs(bench):
-    (bench.directory / "state" / "logs").unlink()
-
-
 FILL_BYTES = 2 << 30
 
 
 def fill_disk(bench):
     with (bench.directory / "fill").open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, FILL_BYTES)
-
-
-def clear_disk(bench):
-    (bench.directory / "fill").unlink()
 
 
 def reserve_of_nearly_full_disk_mb(tmp_path):
@@ -171,10 +142,6 @@ def check_heads_into_current(bench, _t0_s):
     assert abs(bench.heading_error_deg(270.0)) < 30.0
 
 
-def silence_station(bench, *, silent=True):
-    bench.station.silent = silent
-
-
 def fence_plan():
     position = (round(START_LATITUDE_DEG * 1e7), round(START_LONGITUDE_DEG * 1e7))
     circle = PlanItem(5003, 3, True, (FENCE_RADIUS_M, 0.0, 0.0, 0.0), *position)
@@ -184,10 +151,6 @@ def fence_plan():
 def endless_mission():
     """Return a mission that loiters at the present position without end."""
     return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(17, 3)])))
-
-
-def clear_mission(bench):
-    bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
 
 
 def restart_with_damaged_key(bench):
@@ -203,18 +166,10 @@ def check_key_problem_reported(bench, _t0_s):
     assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in bench.words()
 
 
-def remove_key(bench):
-    bench.station.queue(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0))
-
-
 def wait_for_breach(bench):
     while math.hypot(*(bench.world._hull.position_m(0.0))) < FENCE_RADIUS_M:
         bench.run(0.2)
     return bench.now_s
-
-
-def set_charge(charge):
-    return lambda bench: setattr(bench.plant, "charge", charge)
 
 
 FAILSAFE = {"FS_RESUME": 1}
@@ -222,32 +177,33 @@ BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
 EAST = {"current_toward_deg": 90.0}
 DRILLS = (
     Drill(
-        Fault.COMPASS_LOST, silence_compass, 1.5, check_rudder_held_then_centred, unsilence_compass, 12.0,
-        lambda bench: (bench.run(60.0), check_heading(bench, 90.0)),
+        Fault.COMPASS_LOST, set_value("compass.silent", True), 1.5, check_rudder_held_then_centred,
+        set_value("compass.silent", False), 12.0, lambda bench: (bench.run(60.0), check_heading(bench, 90.0)),
         start_s=14.0, fault_time_s=30.0, options={"goals": TURN, "change": None, "no_fix": True},
     ),
-    Drill(Fault.COMPASS_SILENT, silence_compass, 2.0, check_course_fallback, unsilence_compass, 3.0, fault_time_s=30.0),
     Drill(
-        Fault.COMPASS_FROZEN, lambda bench: setattr(bench.compass, "frozen", True), 31.0, check_course_fallback,
-        lambda bench: setattr(bench.compass, "frozen", False), 2.0, start_s=25.0,
+        Fault.COMPASS_SILENT, set_value("compass.silent", True), 2.0, check_course_fallback,
+        set_value("compass.silent", False), 3.0, fault_time_s=30.0,
     ),
     Drill(
-        Fault.COMPASS_JUMPING, lambda bench: set_attitude_error(bench, 180.0), 2.5, check_undisturbed,
-        lambda bench: set_attitude_error(bench, 0.0), 8.0, start_s=20.0, fault_time_s=20.0,
+        Fault.COMPASS_FROZEN, set_value("compass.frozen", True), 31.0, check_course_fallback,
+        set_value("compass.frozen", False), 2.0, start_s=25.0,
     ),
     Drill(
-        Fault.COMPASS_DISAGREES, lambda bench: setattr(bench.other_attitude, "error_rad", math.radians(18.0)), 25.0,
-        check_undisturbed, lambda bench: setattr(bench.other_attitude, "error_rad", 0.0), 25.0, start_s=20.0,
-        options={"second_compass": True},
+        Fault.COMPASS_JUMPING, set_value("attitude.error_rad", math.pi), 2.5, check_undisturbed,
+        set_value("attitude.error_rad", 0.0), 8.0, start_s=20.0, fault_time_s=20.0,
     ),
     Drill(
-        Fault.POSITION_LOST, lambda bench: set_fix(bench, is_present=False), 8.5, check_failsafe("STEERING"),
-        lambda bench: set_fix(bench, is_present=True), 2.5, check_mode("LOITER"),
-        options={"mode": LOITER, "goals": "", "settings": FAILSAFE | {"FS_POS_ACT": 2}},
+        Fault.COMPASS_DISAGREES, set_value("other_attitude.error_rad", math.radians(18.0)), 25.0, check_undisturbed,
+        set_value("other_attitude.error_rad", 0.0), 25.0, start_s=20.0, options={"second_compass": True},
     ),
     Drill(
-        Fault.POSITION_JUMPING, move_position, 4.0, check_undisturbed, lambda bench: move_position(bench, 0.0), 5.0,
-        fault_time_s=20.0,
+        Fault.POSITION_LOST, set_value("gps.fix", False), 8.5, check_failsafe("STEERING"), set_value("gps.fix", True),
+        2.5, check_mode("LOITER"), options={"mode": LOITER, "goals": "", "settings": FAILSAFE | {"FS_POS_ACT": 2}},
+    ),
+    Drill(
+        Fault.POSITION_JUMPING, set_value("whereabouts.north_m", 1e4), 4.0, check_undisturbed,
+        set_value("whereabouts.north_m", 0.0), 5.0, fault_time_s=20.0,
     ),
     Drill(
         Fault.RUDDER_SILENT, lambda bench: bench.lines["rudder"].unplug(), 1.3, check_alert_only,
@@ -260,8 +216,7 @@ DRILLS = (
     ),
     Drill(
         Fault.RUDDER_ASTRAY, push_shaft_away, 4.0, check_alert_only, lambda bench: bench.world.free(), 14.0,
-        check_rudder_follows,
-        start_s=12.5, fault_time_s=0.1, options={"goals": TURN, "settings": {"RUD_AMP_MAX": 0}},
+        check_rudder_follows, start_s=12.5, fault_time_s=0.1, options={"goals": TURN, "settings": {"RUD_AMP_MAX": 0}},
     ),
     Drill(
         Fault.RUDDER_JAMMED, lambda bench: bench.world.jam(math.radians(-20.0)), 2.5, check_torque_relieved,
@@ -269,81 +224,89 @@ DRILLS = (
         options={"goals": TURN},
     ),
     Drill(
-        Fault.RUDDER_HOT, set_servo(temperature_c=75.0), 3.0, check_failsafe("HOLD"), set_servo(temperature_c=60.0),
-        3.0,
-        check_mode("GUIDED"), fault_time_s=1.0, options={"settings": FAILSAFE | {"FS_RUD_ACT": 1}},
+        Fault.RUDDER_HOT, set_value("servo.motor.temperature_c", 75.0), 3.0, check_failsafe("HOLD"),
+        set_value("servo.motor.temperature_c", 60.0), 3.0, check_mode("GUIDED"), fault_time_s=1.0,
+        options={"settings": FAILSAFE | {"FS_RUD_ACT": 1}},
     ),
     Drill(
-        Fault.RUDDER_OVERLOADED, set_servo(load_a=4.0), 3.0, check_alert_only, set_servo(load_a=0.0), 12.5,
-        check_rudder_follows,
+        Fault.RUDDER_OVERLOADED, set_value("servo.motor.load_a", 4.0), 3.0, check_alert_only,
+        set_value("servo.motor.load_a", 0.0), 12.5, check_rudder_follows,
     ),
     Drill(
         Fault.RUDDER_REPOWERED, lambda bench: bench.servo.power_cycle(bench.now_s, off_s=2.0), 5.0, check_alert_only,
         no_change, 8.0, check_rudder_follows, start_s=13.0, fault_time_s=0.1, options={"goals": TURN},
     ),
     Drill(
-        Fault.SUPPLY_LOW, set_servo(voltage_v=10.5), 6.0, check_failsafe("RTL"), set_servo(voltage_v=12.0), 11.0,
-        check_mode("GUIDED"), fault_time_s=1.0, options={"settings": FAILSAFE | {"BAT_LOW_VOLT": 11, "FS_VOLT_ACT": 4}},
+        Fault.SUPPLY_LOW, set_value("servo.motor.voltage_v", 10.5), 6.0, check_failsafe("RTL"),
+        set_value("servo.motor.voltage_v", 12.0), 11.0, check_mode("GUIDED"), fault_time_s=1.0,
+        options={"settings": FAILSAFE | {"BAT_LOW_VOLT": 11, "FS_VOLT_ACT": 4}},
     ),
     Drill(
-        Fault.BATTERY_LOW, set_charge(0.25), 35.0, check_continues, set_charge(0.5), 65.0, check_mode("GUIDED"),
+        Fault.BATTERY_LOW, set_value("plant.charge", 0.25), 35.0, check_continues, set_value("plant.charge", 0.5),
+        65.0, check_mode("GUIDED"), options={"settings": BATTERY, "supply": Supply()},
+    ),
+    Drill(
+        Fault.BATTERY_CRITICAL, set_value("plant.charge", 0.05), 35.0, check_failsafe("STEERING"),
+        set_value("plant.charge", 0.5), 65.0, check_mode("GUIDED"), fault_time_s=32.0,
         options={"settings": BATTERY, "supply": Supply()},
     ),
     Drill(
-        Fault.BATTERY_CRITICAL, set_charge(0.05), 35.0, check_failsafe("STEERING"), set_charge(0.5), 65.0,
-        check_mode("GUIDED"),
-        fault_time_s=32.0, options={"settings": BATTERY, "supply": Supply()},
-    ),
-    Drill(
-        Fault.POWER_SILENT, lambda bench: setattr(bench.monitor, "silent", True), 17.0, check_continues,
-        lambda bench: setattr(bench.monitor, "silent", False), 3.0, options={"supply": Supply()},
+        Fault.POWER_SILENT, set_value("monitor.silent", True), 17.0, check_continues,
+        set_value("monitor.silent", False), 3.0, options={"supply": Supply()},
     ),
     Drill(
         Fault.LOOP_LATE, lambda bench: bench.server.stall(0.5), 1.5, check_alert_only, no_change, 3.0,
         fault_time_s=0.1,
     ),
-    Drill(Fault.STORAGE_FAILING, remove_logs, 60.0, check_continues, restore_logs, 60.0, options={"speed": 10.0}),
-    Drill(Fault.STORAGE_FULL, fill_disk, 60.0, check_continues, clear_disk, 60.0, options={"speed": 10.0}),
     Drill(
-        Fault.CLOCK_STEPPED, lambda bench: bench.server.step_utc(365.0 * 86400.0), 1.0, check_continues, no_change,
-        11.0,
-        fault_time_s=2.0,
+        Fault.STORAGE_FAILING, remove_logs, 60.0, check_continues,
+        lambda bench: (bench.directory / "state/logs").unlink(), 60.0, options={"speed": 10.0},
     ),
     Drill(
-        Fault.STATION_SILENT, silence_station, 11.5, check_failsafe("LOITER"),
-        lambda bench: silence_station(bench, silent=False), 2.0, check_mode("GUIDED"),
+        Fault.STORAGE_FULL, fill_disk, 60.0, check_continues, lambda bench: (bench.directory / "fill").unlink(), 60.0,
+        options={"speed": 10.0},
+    ),
+    Drill(
+        Fault.CLOCK_STEPPED, lambda bench: bench.server.step_utc(365.0 * 86400.0), 1.0, check_continues, no_change,
+        11.0, fault_time_s=2.0,
+    ),
+    Drill(
+        Fault.STATION_SILENT, set_value("station.silent", True), 11.5, check_failsafe("LOITER"),
+        set_value("station.silent", False), 2.0, check_mode("GUIDED"),
         options={"settings": FAILSAFE | {"FS_GCS_S": 10, "FS_GCS_ACT": 3}},
     ),
     Drill(
         Fault.FENCE_BREACHED, wait_for_breach, 8.0, check_failsafe("RTL"), no_change, 150.0, start_s=5.0,
-        fault_time_s=1.0,
-        options={"plans": (fence_plan(),), "settings": {"FENCE_ENABLE": 1, "LOIT_RADIUS": 10},
-                 "change": lambda scenario: replace(scenario, speed_m_s=0.8)},
+        fault_time_s=1.0, options={"plans": (fence_plan(),), "settings": {"FENCE_ENABLE": 1, "LOIT_RADIUS": 10},
+                                   "change": lambda scenario: replace(scenario, speed_m_s=0.8)},
     ),
     Drill(
-        Fault.MISSION_UNUSABLE, clear_mission, 3.0, lambda bench, _t0_s: check_mode("AUTO")(bench),
-        lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)), 2.0, check_mode("GUIDED"), start_s=10.0,
-        fault_time_s=1.0,
+        Fault.MISSION_UNUSABLE, lambda bench: bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
+        3.0, lambda bench, _t0_s: check_mode("AUTO")(bench), lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)),
+        2.0, check_mode("GUIDED"), start_s=10.0, fault_time_s=1.0,
         options={"mode": AUTO, "plans": (endless_mission(),), "goals": ""},
     ),
     Drill(
-        Fault.STEERING_LOST, lambda bench: setattr(bench.world, "rudder_effect", 0.0), 90.0, check_alert_only,
-        lambda bench: setattr(bench.world, "rudder_effect", 1.0), 240.0, start_s=10.0, fault_time_s=1.0,
-        options={"goals": TURN},
+        Fault.STEERING_LOST, set_value("world.rudder_effect", 0.0), 90.0, check_alert_only,
+        set_value("world.rudder_effect", 1.0), 240.0, start_s=10.0, fault_time_s=1.0, options={"goals": TURN},
     ),
     Drill(
-        Fault.STEERING_REVERSED, lambda bench: setattr(bench.world, "rudder_effect", -1.0), 180.0, check_alert_only,
-        lambda bench: setattr(bench.world, "rudder_effect", 1.0), 400.0, start_s=10.0, fault_time_s=1.0,
-        options={"goals": TURN},
+        Fault.STEERING_REVERSED, set_value("world.rudder_effect", -1.0), 180.0, check_alert_only,
+        set_value("world.rudder_effect", 1.0), 400.0, start_s=10.0, fault_time_s=1.0, options={"goals": TURN},
     ),
-    Drill(Fault.KEY_LOST, restart_with_damaged_key, 5.0, check_key_problem_reported, remove_key, 3.0, fault_time_s=1.0),
+    Drill(
+        Fault.KEY_LOST, restart_with_damaged_key, 5.0, check_key_problem_reported,
+        lambda bench: bench.station.queue(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0)), 3.0,
+        fault_time_s=1.0,
+    ),
     Drill(
         Fault.HELM_OSCILLATES, no_change, 300.0, check_alert_only, no_change, 400.0, fault_time_s=1.0,
         options={"goals": TURN, "change": lambda scenario: with_disturbances(scenario, "kt=1:3,delay=8")},
     ),
     Drill(
-        Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0, check_heads_into_current,
-        no_change, 0.0, options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
+        Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0,
+        check_heads_into_current, no_change, 0.0,
+        options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
     ),
 )  # fmt: skip
 
@@ -455,7 +418,7 @@ def test_run_with_many_faults_replays_bit_for_bit(fault_bench):
     bench.servo.power_cycle(bench.now_s, 1.0)
     bench.run(8.0)
     bench.compass.silent = bench.station.silent = False
-    move_position(bench)
+    bench.whereabouts.north_m = 1e4
     bench.run(10.0)
     logs = bench.finish()
     assert logs
@@ -515,9 +478,9 @@ def test_slow_compass_raises_no_fault_and_its_loss_is_detected(fault_bench, rate
     assert abs(bench.heading_error_deg()) < 3.0
     texts = bench.texts_since(0.0)
     assert not any(text.startswith((row.text, "Heading lost")) for text in texts for row in TABLE.values())
-    silence_compass(bench)
+    bench.compass.silent = True
     bench.until(TABLE[Fault.COMPASS_SILENT].text, max_detection_s)
-    unsilence_compass(bench)
+    bench.compass.silent = False
     bench.until(TABLE[Fault.COMPASS_SILENT].recovery, 6.0)
     logs = bench.finish()
     assert all(main(["replay", str(log)]) == 0 for log in logs)
