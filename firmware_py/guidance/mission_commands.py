@@ -172,7 +172,7 @@ def _is_near(progress: MissionProgress, step: MissionStep, inputs: MissionInput)
     return inputs.place.distance_and_bearing(step.place)[0] <= step.distance_m
 
 
-# Other commands take no time and leave the task unchanged.
+# Other commands have no duration and leave the task unchanged.
 TABLE: Final[Mapping[Command | None, CommandRow]] = {
     Command.WAYPOINT: CommandRow(_begin_go_to, _is_hold_over),
     Command.LOITER_UNLIMITED: CommandRow(_begin_go_to, _is_never_done),

@@ -10,7 +10,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
 from firmware_py.guidance import avoidance
-from firmware_py.guidance.avoidance import IDLE, AvoidanceInput, AvoidanceSettings, LineAhead
+from firmware_py.guidance.avoidance import IDLE, AvoidanceInput, AvoidanceSettings, LineAhead, Trial
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal
@@ -162,6 +162,24 @@ def test_goal_that_changes_in_each_tick_does_not_prevent_a_decision():
             SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0), t_s=0.1 * tick, unchanged_rad=0.001 * tick, goal=goal)
         )
     assert state.heading_rad is not None
+
+
+@pytest.mark.parametrize(
+    ("best_ratio", "best_rad", "ratio", "heading_rad", "is_better"),
+    [
+        (1.9, 0.3, 1.97, 0.6, True),
+        (1.9, 0.3, 1.95, 0.6, False),
+        (2.0, 0.3, 3.0, 0.6, False),  # the best heading is sufficient
+        (2.0, 0.6, 3.0, 0.3, True),
+        (2.0, 0.6, 3.0, -0.3, False),  # on the other side
+        (2.0, 0.6, 2.05, 0.3, False),
+    ],
+)
+def test_better_heading_is_clearly_better_or_sufficient_and_nearer_to_the_course(
+    best_ratio, best_rad, ratio, heading_rad, is_better
+):
+    best, trial = Trial(best_rad, 100.0, best_ratio), Trial(heading_rad, 100.0, ratio)
+    assert avoidance._is_better(best, trial, 0.0) is is_better
 
 
 def test_tick_tries_one_heading(monkeypatch):

@@ -47,6 +47,7 @@ def test_waypoints_are_read_with_and_without_home():
         ("RALLY 1 2 3\n", "a:1: expected RALLY"),
         ("RALLY 1 2 3 4 5 6\n7 8\n", "a:2: expected RALLY"),
         ("1 2\n1 2\n", "a: a fence needs its return point"),
+        ("1 2\n1 2\n1 3\n1 2\n", "a: a fence needs its return point"),
         ("1 2\n1 2\n1 3\n2 3\n2 2\n", "a: a fence needs its return point"),
         ("1 2\n1 2 3\n", "a:2: expected LATITUDE LONGITUDE"),
     ],
