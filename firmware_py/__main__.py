@@ -106,9 +106,9 @@ def _import_dialect() -> None:
     """
     if "pymavlink" in sys.modules:  # the importer may use all of it
         return
-    from firmware_py.link.wire.dialect import forget_what_is_not_used  # noqa: PLC0415 - only used by `run`
+    from firmware_py.link.wire.dialect import release_unused_attributes  # noqa: PLC0415 - only used by `run`
 
-    forget_what_is_not_used()
+    release_unused_attributes()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.reports import Output
 from firmware_py.core.state import State, parameters_in_force
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.wire.open_transport import NMEA
+from firmware_py.link.wire.open_transport import NMEA_PREFIX
 from firmware_py.loop import LoopParts
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def open_nmea_outputs(
     opened: ExitStack,
 ) -> list[NmeaOutput]:
     """Open the NMEA outputs among the links, or raise LinkError; without one, their module is not imported."""
-    nmea_urls = [url for url in urls if url.startswith(NMEA)]
+    nmea_urls = [url for url in urls if url.startswith(NMEA_PREFIX)]
     if not nmea_urls:
         return []
     from firmware_py.link.nmea import open_output  # noqa: PLC0415 - rarely used

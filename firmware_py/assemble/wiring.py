@@ -30,7 +30,7 @@ from firmware_py.core.state import State
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.open_transport import NMEA, SatelliteSupport, open_transport
+from firmware_py.link.wire.open_transport import NMEA_PREFIX, SatelliteSupport, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, machine_s, set_utc_s
@@ -241,8 +241,8 @@ def _open_links(
     urls = (*vehicle.link_urls, *options.link_urls)
     transports: list[Transport] = []
     for url in urls:
-        if not url.startswith(NMEA):
-            transports.append(open_transport(url, open_line, satellite_support, say=say))
+        if not url.startswith(NMEA_PREFIX):
+            transports.append(open_transport(url, open_line, satellite_support, report_retry=say))
             opened.callback(transports[-1].close)
     return transports, open_nmea_outputs(urls, open_line, say, opened)
 

@@ -26,7 +26,7 @@ from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.access import Gate, is_open_to_anyone
 from firmware_py.link.nmea import open_output
 from firmware_py.link.signing import KeyState, Signing, find_key
-from firmware_py.link.wire.open_transport import NMEA, open_transport
+from firmware_py.link.wire.open_transport import NMEA_PREFIX, open_transport
 from firmware_py.link.wire.transport import MessageTransport, Satellite
 from firmware_py.link.wire.urls import LinkError
 from firmware_py.log.disk import log_files
@@ -229,7 +229,7 @@ def _check_link(url: str, gate: Gate, exit_stack: ExitStack) -> Iterator[Finding
         return line
 
     try:
-        if url.startswith(NMEA):
+        if url.startswith(NMEA_PREFIX):
             exit_stack.callback(open_output(url, open_line).close)
             yield from port_findings
             yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})

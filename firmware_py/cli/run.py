@@ -18,7 +18,7 @@ from firmware_py.cli.errors import print_error
 from firmware_py.core.liveness import StuckError
 from firmware_py.files.writing import exact_modes
 from firmware_py.link.wire.urls import LinkError
-from firmware_py.link.wire.worker import THREAD as FILES_THREAD
+from firmware_py.link.wire.worker import THREAD_NAME as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError

@@ -11,14 +11,13 @@ from firmware_py.guidance import texts as vessel_texts
 from firmware_py.link import texts as link_texts
 from firmware_py.link.commands import texts as command_texts
 from firmware_py.link.mission import texts as plan_texts
-from firmware_py.link.satellite import texts as satellite_texts
 
 SECTIONS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "Modes, navigation and sensors": navigation_texts.TEXTS,
     "Other vessels": vessel_texts.TEXTS,
     "Commands and refusals": command_texts.TEXTS,
     "Plans, files and logs": plan_texts.TEXTS,
-    "Satellite messages": satellite_texts.TEXTS,
+    "Satellite messages": link_texts.SATELLITE_TEXTS,
     "Start, storage and updates": start_texts.TEXTS,
     "Keys and links": link_texts.TEXTS,
 }

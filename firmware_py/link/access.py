@@ -126,7 +126,7 @@ class Gate:
 def is_open_to_anyone(gate: Gate, transport: Transport) -> bool:
     """Return whether any sender that reaches a transport from another computer can command without a key."""
     options = transport.options
-    return transport.exposed and not options.trusted and gate.unsigned(options) is Permission.COMMANDER
+    return transport.is_exposed and not options.trusted and gate.unsigned(options) is Permission.COMMANDER
 
 
 _UNSIGNED: Mapping[Policy, Permission] = {

@@ -21,7 +21,7 @@ from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version
 from firmware_py.link.telemetry.statustext import text_messages
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.frames import Codec
 from firmware_py.link.wire.outbox import Priority
 
@@ -143,7 +143,7 @@ class LinkContext:
         MAVProxy reads them then, before it has requested any, and reports disabled checks if it has none. A peer that
         is answered in MAVLink 1 gets a notice once.
         """
-        if peer.outbox.mavlink1_only and not peer.version_reported:
+        if peer.outbox.is_mavlink1_only and not peer.version_reported:
             peer.version_reported = True
             self.send_text(peer, Severity.NOTICE, _IN_FIRST_VERSION)
         if self.snapshot is not None and self.snapshot.armed and peer.may_need_introduction(self.now_s):
@@ -154,7 +154,7 @@ class LinkContext:
     def parameter_value(self, row: int, index: int) -> Message:
         """Return the value of a row of the parameter table."""
         value = self.request_handler.parameters().values()[row]
-        name, kind = text_of(TABLE[row].name, 16), declared_kind(TABLE[row], self.autopilot)
+        name, kind = encode_text(TABLE[row].name, 16), declared_kind(TABLE[row], self.autopilot)
         return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), index)
 
     def send_text_limited(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:

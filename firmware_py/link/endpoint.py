@@ -146,7 +146,7 @@ class Endpoint:
         if self._unread or self._receive_queue or self._services.pumping:
             return True
         for peer in self._peers:  # called at each wake-up: no generator
-            if peer.bulk.can_continue and peer.proven and not peer.outbox.waiting(Priority.REPLY):
+            if peer.bulk.can_continue and peer.proven and not peer.outbox.queued_count(Priority.REPLY):
                 return True
         return False
 
@@ -174,7 +174,7 @@ class Endpoint:
         if self._worker.fileno() in ready:
             self._worker.poll()
         for index, transport in enumerate(self._transports):
-            if not transport.datagrams and self._receive_queue.holds(index):
+            if not transport.is_datagram and self._receive_queue.holds(index):
                 continue
             for descriptor in transport.descriptors():
                 if descriptor in ready:
@@ -279,7 +279,7 @@ class Endpoint:
             return
         self.announce(peer)
         if self._context.snapshot is not None:
-            peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
+            peer.streams.schedule_next(ROWS_OF[_HEARTBEAT][0], now_s)
         for event in (*self.start_events, *self._recent.recent_events(now_s)):
             self._context.send_text(peer, event.severity, event.text)
 
@@ -310,7 +310,7 @@ class Endpoint:
         for event in events[:_EVENTS_PER_TICK]:
             self._context.send_text_all(event.severity, event.text)
             if event not in self.start_events:
-                self._recent.note(event, self._context.now_s)
+                self._recent.add(event, self._context.now_s)
 
 
 class Service(Protocol):
@@ -386,11 +386,11 @@ class Services:
         self.pumping = False
         for number in range(len(present)):
             peer = present[(self._next_peer + number) % len(present)]
-            before = peer.outbox.waiting(Priority.REPLY)
+            before = peer.outbox.queued_count(Priority.REPLY)
             peer.bulk.can_continue = False
             for service in self._pumped:
                 service.pump(peer, now_s)
-            if peer.outbox.waiting(Priority.REPLY) > before:
+            if peer.outbox.queued_count(Priority.REPLY) > before:
                 self._next_peer = (self._next_peer + number + 1) % len(present)
                 self.pumping = True
                 return

@@ -257,7 +257,7 @@ class LogServer:
     def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
         """Queue blocks of the first range; return their number."""
         number, log, start, end = download.ranges[0]
-        if end - start > _CHUNK_BYTES and peer.transport.datagrams:
+        if end - start > _CHUNK_BYTES and peer.transport.is_datagram:
             # The station does not acknowledge such a stream: more at once would be lost on a slow reader.
             frames = min(frames, download.granted_bytes // _BLOCK)
             download.granted_bytes -= frames * _BLOCK

@@ -18,7 +18,7 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.reading_notes import abbreviate
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, Snapshot
-from firmware_py.link.wire.open_transport import NMEA, open_transport
+from firmware_py.link.wire.open_transport import NMEA_PREFIX, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.link.wire.urls import LinkError
 
@@ -281,12 +281,12 @@ def open_output(
     url: str, open_line: Callable[[str, int], ByteLine], say: Callable[[str], None] | None = None
 ) -> NmeaOutput:
     """Open an output, or raise LinkError; as `open_transport`."""
-    place, _, query = url.removeprefix(NMEA).partition("?")
+    place, _, query = url.removeprefix(NMEA_PREFIX).partition("?")
     kind, _, rest = place.partition(":")
     if kind not in _KINDS:
         raise LinkError(f"link {url[:120]!r}: {abbreviate(kind)} is not a way out for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
-    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say, receives=False)
+    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, report_retry=say, receives=False)
     needed = len(options.sentences) * LONGEST * options.rate_hz
     if transport.byte_rate is not None and needed > transport.byte_rate:
         transport.close()

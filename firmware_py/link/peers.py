@@ -25,8 +25,8 @@ from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.frames import Frame, Splitter, VersionDetector
-from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioPace, Sealer
-from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
+from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioRate, Sealer
+from firmware_py.link.wire.transport import Address, Satellite, Transport, link_class_of
 from firmware_py.link.wire.urls import LinkClass
 
 DUPLICATE_S = 10.0  # maximum delay of a frame on its second path
@@ -173,7 +173,7 @@ class Peer:
     """
 
     __slots__ = (
-        "_radio_pace",
+        "_radio_rate",
         "_unanswered_bytes",
         "_version",
         "address",
@@ -203,11 +203,11 @@ class Peer:
         """Start with the rates of the transport's class."""
         self.transport = transport
         self.address = address
-        datagrams = transport.datagrams
-        self.path = PeerPath((transport, transport.host(address)) if datagrams else (transport, address), now_s)
+        is_datagram = transport.is_datagram
+        self.path = PeerPath((transport, transport.host(address)) if is_datagram else (transport, address), now_s)
         self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
-        self.link_class = usual_class(transport)
+        self.link_class = link_class_of(transport)
         self.streams = Streams(self.link_class, now_s)
         self.notices = TextLimiter()
         self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
@@ -215,7 +215,7 @@ class Peer:
         self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table to be sent, in order
         self.extended_rows_due: dict[int, None] = {}  # and those to be sent as PARAM_EXT
         self.bulk = BulkShare(transport.byte_rate)
-        self._radio_pace = RadioPace(transport.byte_rate)
+        self._radio_rate = RadioRate(transport.byte_rate)
         self._version = VersionDetector()
         self.last_frame_s = now_s  # time of the latest valid frame, or of the start
         self.heard_s: float | None = None  # its latest valid frame
@@ -273,27 +273,27 @@ class Peer:
 
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
         """Return the number of frames of a long transfer that may be queued now; 0 for an unproven peer."""
-        return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
+        return self.bulk.max_frames(frame_bytes, self.outbox.queued_count(Priority.REPLY), now_s) if self.proven else 0
 
     def update_version(self, frames: Iterable[Frame], now_s: float) -> None:
         """Answer in MAVLink 1 if the peer continues to use it; not by satellite, where the cause is not known."""
         if self.outbox.sent_bytes and not self.quiet:
             self._version.update(frames, now_s)
-            self.outbox.mavlink1_only = self._version.version1_only
+            self.outbox.is_mavlink1_only = self._version.is_mavlink1_only
 
     def keep_pace(self, free_percent: int, now_s: float) -> None:
         """Adapt the rate to the free buffer of a modem in the line."""
-        self._radio_pace.update(free_percent, now_s)
+        self._radio_rate.update(free_percent, now_s)
         self._pace(now_s)
 
     def forget_silent_radio(self, now_s: float) -> None:
         """Return to the full rate of the line if its modem reports no more."""
-        if self._radio_pace.forget(now_s):
+        if self._radio_rate.reset_after_silence(now_s):
             self._pace(now_s)
 
     def _pace(self, now_s: float) -> None:
-        self.outbox.pace(self._radio_pace.share, now_s)
-        self.bulk.pace(self._radio_pace.share, now_s)
+        self.outbox.set_rate_share(self._radio_rate.share, now_s)
+        self.bulk.set_rate_share(self._radio_rate.share, now_s)
 
     def may_need_introduction(self, now_s: float) -> bool:
         """Whether the next heartbeat may be the first one that a program there receives."""
@@ -467,7 +467,7 @@ class Peers:
         return tuple(
             LinkStatus(
                 transport.name,
-                usual_class(transport).value,
+                link_class_of(transport).value,
                 tuple(peer for index, peer in (*active, *pending) if index == number),
                 None if satellite is None else satellite.satellite_status(now_s),
                 transport.blocked_reason,
@@ -498,17 +498,17 @@ class Peers:
         for key, peer in tuple(self._active.items()):
             if key in permanent:
                 continue
-            datagrams, silent_s = peer.transport.datagrams, now_s - peer.last_frame_s
-            if silent_s > FORGET_S or not (datagrams or key in connected):
+            is_datagram, silent_s = peer.transport.is_datagram, now_s - peer.last_frame_s
+            if silent_s > FORGET_S or not (is_datagram or key in connected):
                 self._remove(key, now_s)
-            elif datagrams and peer.proven and not peer.verified and silent_s > UNPROVEN_AFTER_S:
+            elif is_datagram and peer.proven and not peer.verified and silent_s > UNPROVEN_AFTER_S:
                 peer.mark_unproven()
         for key, peer in tuple(self._pending.items()):
             silent = now_s - peer.last_frame_s > QUIET_S
             if silent and key in connected:
                 host = peer.transport.host(key[1])
                 self._observer.notify(f"{host} on {peer.transport.name} dropped: no valid frame", now_s)
-            if silent or not (peer.transport.datagrams or key in connected):
+            if silent or not (peer.transport.is_datagram or key in connected):
                 self._remove(key, now_s)
             else:
                 self._announce_if_due(peer, now_s)

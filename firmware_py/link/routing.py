@@ -78,7 +78,7 @@ class Router:
             return
         priority = Priority.REPLY if target[0] else Priority.TELEMETRY
         for other in hearers:
-            if other.outbox.waiting(priority) < _WAITING:
+            if other.outbox.queued_count(priority) < _WAITING:
                 other.outbox.push(Packed(frame.data, b""), priority)
 
     def _recipients(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:

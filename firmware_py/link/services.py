@@ -15,7 +15,7 @@ from firmware_py.link.latest import keep_latest
 from firmware_py.link.peers import Peer
 from firmware_py.link.signing import Signing
 from firmware_py.link.telemetry.fields import INT16_MAX, UINT16_MAX
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.outbox import Priority
 
 _REMEMBERED = 32
@@ -207,12 +207,12 @@ def _set_mode(message: Message, system: int, component: int) -> Message:  # noqa
 
 
 def _parameter(message: Message, system: int, component: int) -> Message:
-    name, error = text_of(message.param_id, 16), mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
+    name, error = encode_text(message.param_id, 16), mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
     return mavlink.MAVLink_param_error_message(system, component, name, -1, error)
 
 
 def _extended(message: Message, system: int, component: int) -> Message:  # noqa: ARG001 - one of a table
-    name, kind = text_of(message.param_id, 16), message.param_type
+    name, kind = encode_text(message.param_id, 16), message.param_type
     return mavlink.MAVLink_param_ext_ack_message(name, b"", kind, mavlink.PARAM_ACK_FAILED)
 
 

@@ -1,4 +1,4 @@
-"""The STATUSTEXTs of keys and links: meaning and remedy, for params/TEXTS.md."""
+"""STATUSTEXTs of keys, links and satellite messages: meaning and remedy, for the page of texts."""
 
 from __future__ import annotations
 
@@ -63,4 +63,32 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "nothing, unless the dropped station is yours: connect it again",
     ),
     "<address> on <link> dropped: no valid frame": ("a connection sent no MAVLink", "nothing"),
+}
+
+_MODEM_REMEDY = "check power, cable and port of the modem; the other functions are not affected"
+
+SATELLITE_TEXTS: Mapping[str, tuple[str, str]] = {
+    "Satellite credits used up: <number> today, <number> this month": (
+        "reports wait until the next UTC day or month; commands are received while a credit is left",
+        "`rambler status` shows the credits used; `SBD_DAY_CRED`, `SBD_MONTH_CRED`, `SBD_REPORT_MIN`",
+    ),
+    "Satellite modem not responding": ("no valid reply for a minute; the autopilot keeps trying", _MODEM_REMEDY),
+    "Satellite modem recovered": ("the modem responds and is set up again", "nothing"),
+    "Satellite message refused: <reason>": (
+        "a received message was ignored; only the first for each reason is reported, `rambler status` counts all",
+        "false code: another key or modem ashore; too old: `SBD_MT_DAYS`, or the boat's clock; else send it again",
+    ),
+    "Satellite out of reach: <reason>": (
+        "no session has succeeded for half an hour; messages wait",
+        "signal: check antenna, cable and view of the sky; access denied: check the account of the modem",
+    ),
+    "Satellite link recovered": ("a session has succeeded", "nothing"),
+    "Satellite record: <note>": (
+        "another version wrote the record; the named part is ignored, and older messages are refused",
+        "send unacknowledged commands again",
+    ),
+    "Satellite record damaged, new one started: <reason>": (
+        "the credit count starts at 0, and messages that were written before are refused",
+        "the disk may be failing; send unacknowledged commands again",
+    ),
 }

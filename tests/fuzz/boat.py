@@ -185,7 +185,7 @@ class Boat:
         self.transport = MemoryTransport(
             addresses=() if not setup & STREAM else tuple(STATIONS),
             byte_rate=5760.0 if setup & SLOW else None,
-            datagrams=not setup & STREAM,
+            is_datagram=not setup & STREAM,
             options=self.options,
         )
         self.vault = MemoryVault()

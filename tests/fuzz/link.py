@@ -61,7 +61,7 @@ def run_bytes(data):
     boat = Boat(data[0] if data else 0)
     for _, body in records(data[1:]):
         boat.receive(body, "one", signed=False)
-        assert all(len(peer.splitter._held) <= 280 for peer in boat.endpoint._peers)
+        assert all(len(peer.splitter._buffer) <= 280 for peer in boat.endpoint._peers)
     boat.end()
 
 

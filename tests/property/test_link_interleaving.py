@@ -141,7 +141,7 @@ class BoatWithLogs:
 
     def lose_station(self):
         """Close a connection, like one of TCP; after the last one, all stations connect again."""
-        self.rig.transport.datagrams = False
+        self.rig.transport.is_datagram = False
         self.rig.transport.served = self.rig.transport.served[1:] or tuple(STATIONS)
         self.tick()
 

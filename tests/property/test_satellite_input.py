@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.link.satellite.messages import KEPT_NUMBERS, Window
+from firmware_py.link.satellite.messages import MAX_STORED_NUMBERS, Window
 from firmware_py.link.satellite.modem import Modem
 from firmware_py.link.satellite.record import Record, from_bytes, to_bytes
 from support.satellite import KEY, SatelliteBoat, set_mode
@@ -55,7 +55,7 @@ def test_no_number_is_admitted_twice(numbers):
         if window.admits(number):
             window = window.with_number(number)
             accepted.append(number)
-        assert len(window.used) <= KEPT_NUMBERS
+        assert len(window.used) <= MAX_STORED_NUMBERS
         assert from_bytes(to_bytes(Record(window=window))) == (Record(window=window), ())
     assert len(accepted) == len(set(accepted))
 
@@ -68,4 +68,4 @@ def test_any_output_of_the_modem_is_accepted(messages):
         modem.feed(data, now_s)
         modem.update(now_s)
         modem.take_session()
-        assert len(modem._held) <= 400
+        assert len(modem._buffer) <= 400

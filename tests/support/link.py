@@ -127,9 +127,9 @@ class MemoryTransport:
         addresses=("station",),
         *,
         byte_rate=None,
-        radio=False,
-        datagrams=True,
-        exposed=False,
+        has_radio_rates=False,
+        is_datagram=True,
+        is_exposed=False,
         options=PLAIN,
     ):
         self.descriptor = descriptor
@@ -137,9 +137,9 @@ class MemoryTransport:
         self.connected = ()  # by themselves
         self.dropped = []
         self.byte_rate = byte_rate
-        self.radio = radio
-        self.datagrams = datagrams
-        self.exposed = exposed
+        self.has_radio_rates = has_radio_rates
+        self.is_datagram = is_datagram
+        self.is_exposed = is_exposed
         self.options = options
         self.inbox = []
         self.sent = []

@@ -93,7 +93,7 @@ class SatelliteBoat:
     def run_to(self, end_s, idle_s=None, step_s=0.5):
         """Let time pass up to a moment, and to the end of the last step."""
         while self.now_s < end_s:
-            busy = idle_s is None or not self.transport._driver.modem.ready or self.line.waiting
+            busy = idle_s is None or not self.transport._driver.modem.is_ready or self.line.waiting
             self.now_s += step_s if busy else idle_s
             self.line.now_s = self.now_s
             self.line.waiting += self.modem.take_output(self.now_s)

@@ -12,7 +12,7 @@ from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import CalibrationState, Severity
 from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, PendingCommand, finish_when_stored
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.telemetry.status import report_of
+from firmware_py.link.telemetry.status import swing_report_message
 
 BENCH_S = 10.0  # after this time the rudder returns to amidships, unless the command is repeated
 
@@ -171,7 +171,7 @@ def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
     }
     answer = _set_deviation(context, call, values, "set", can_undo=True)
     if isinstance(answer, PendingCommand):
-        context.send_all(report_of(report, saved=True))
+        context.send_all(swing_report_message(report, is_saved=True))
     return answer
 
 

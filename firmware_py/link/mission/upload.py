@@ -127,9 +127,9 @@ class PlanUploads:
         upload.owner, upload.last_item_s = owner, now_s  # the next request is sent to the link of this item
         if upload.is_storing or message.seq != upload.next_number:
             if message.seq == upload.next_number - 1:
-                upload.retry.learn_from_duplicate(now_s)
+                upload.retry.add_second_response(now_s)
             return
-        upload.retry.learn(now_s)
+        upload.retry.add_response(now_s)
         upload.uses_int = type(message).id == _ITEM_INT
         item = self._check_item(upload, message)
         if isinstance(item, PlanProblem):
@@ -156,9 +156,9 @@ class PlanUploads:
                 self._end_upload(
                     upload, upload.next_number, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s
                 )
-            elif upload.retry.due(now_s):
-                upload.retry.repeat(now_s)
-                if not upload.items and upload.retry.tries % _REQUESTS_PER_FORMAT == 0:  # no reply yet
+            elif upload.retry.is_due(now_s):
+                upload.retry.add_repetition(now_s)
+                if not upload.items and upload.retry.repetitions % _REQUESTS_PER_FORMAT == 0:  # no reply yet
                     upload.uses_int = not upload.uses_int
                 self._request(upload)
 
@@ -191,7 +191,7 @@ class PlanUploads:
 
     def _request_next(self, upload: PlanUpload, now_s: float) -> None:
         if upload.next_number < upload.end_number:
-            upload.retry.begin(now_s)
+            upload.retry.start_request(now_s)
             self._request(upload)
             return
         upload.is_storing = True

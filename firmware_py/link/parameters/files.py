@@ -15,7 +15,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.link.files.area import PathParts, mavlink_crc32
 from firmware_py.link.telemetry.fields import boot_ms
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 
 DIRECTORY = "metadata"
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -62,12 +62,12 @@ class Metadata:
 
     def message(self, t_s: float) -> Message:
         """Return COMPONENT_METADATA."""
-        uri = text_of(f"{_URI}general.json.xz", 100)
+        uri = encode_text(f"{_URI}general.json.xz", 100)
         return mavlink.mavlink_map[397](boot_ms(t_s), mavlink_crc32(self._general), uri)
 
     def information_message(self, t_s: float) -> Message:
         """Return COMPONENT_INFORMATION, which older stations request."""
-        uri = text_of(f"{_URI}general.json.xz", 100)
+        uri = encode_text(f"{_URI}general.json.xz", 100)
         return mavlink.mavlink_map[395](boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
 
 

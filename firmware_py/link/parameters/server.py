@@ -14,7 +14,7 @@ from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
 from firmware_py.link.parameters.files import unpack
 from firmware_py.link.peers import Peer
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.outbox import Priority
 
 _MAX_ROWS_PER_CALL = 8  # about half a millisecond
@@ -63,7 +63,9 @@ class ParameterServer:
             return
         max_queued = _MAX_QUEUED_SLOW if peer.transport.byte_rate is not None else _MAX_QUEUED_FAST
         rows_left = min(
-            _MAX_ROWS_PER_CALL, max_queued - peer.outbox.waiting(Priority.REPLY), peer.outbox.affordable(_FRAME_BYTES)
+            _MAX_ROWS_PER_CALL,
+            max_queued - peer.outbox.queued_count(Priority.REPLY),
+            peer.outbox.frames_in_credit(_FRAME_BYTES),
         )
         while rows_left > 0 and peer.parameter_rows_due:
             row = next(iter(peer.parameter_rows_due))
@@ -181,7 +183,7 @@ class ParameterServer:
 
     def _send_error(self, peer: Peer, message: Message, index: int, error: int) -> None:
         sender, component = message.get_srcSystem(), message.get_srcComponent()
-        name = text_of(message.param_id, 16)
+        name = encode_text(message.param_id, 16)
         self._context.send(peer, mavlink.MAVLink_param_error_message(sender, component, name, index, error))
 
     def apply_file(self, content: bytes, origin: Origin, finish: Callable[[str], None]) -> None:
@@ -247,7 +249,7 @@ class ExtendedParameters:
             peer.bulk.mark_unfinished()
 
     def _value_message(self, row: int) -> Message:
-        name, kind = text_of(TABLE[row].name, 16), int(TABLE[row].kind)
+        name, kind = encode_text(TABLE[row].name, 16), int(TABLE[row].kind)
         value = _pack_value(self._context.request_handler.parameters().values()[row], kind)
         return mavlink.MAVLink_param_ext_value_message(name, value, kind, len(TABLE), row)
 
@@ -278,7 +280,7 @@ class ExtendedParameters:
             )
 
     def _acknowledge(self, peer: Peer, message: Message, result: int) -> None:
-        name, row = text_of(message.param_id, 16), INDEX.get(message.param_id)
+        name, row = encode_text(message.param_id, 16), INDEX.get(message.param_id)
         kind, value = message.param_type, _raw_value(message)
         if row is not None:  # The reply has the present value, as after a refused PARAM_SET.
             kind = int(TABLE[row].kind)

@@ -1,4 +1,4 @@
-"""Input of the telemetry builders, and conversion of values into MAVLink fields."""
+"""Input of the telemetry builders, and conversion of values to MAVLink fields."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ _SINGLE_MAX = 3.4028234663852886e38
 
 
 class TelemetryContext(msgspec.Struct, frozen=True):
-    """The snapshot after a tick, and further values of the link."""
+    """Snapshot after a tick, and further values for telemetry."""
 
     snapshot: Snapshot
     utc_s: float
     rudder_limit_rad: float
     autopilot: int  # MAV_AUTOPILOT
-    load: float  # of one core, 0 to 1
-    refused_frames: int  # received and broken, on all links
-    written: tuple[int, int] | None = None  # versions of the state put on disk since the start, and their bytes
-    fence_breaches: tuple[int, float] = (0, 0.0)  # how many since the start, and when the last one began
-    override_us: int | None = None  # pulse that a station overrides channel 1 with, None when none does
+    load: float  # of one processor core, 0 to 1
+    refused_frames: int  # damaged or rejected frames on all links
+    written: tuple[int, int] | None = None  # number and bytes of the stored versions of the state since start
+    fence_breaches: tuple[int, float] = (0, 0.0)  # number since start, and time of the latest
+    override_us: int | None = None  # pulse width with which a station overrides channel 1
     swing: SwingReport = msgspec.field(default_factory=SwingReport)  # of the compass
     intended_mode: int | None = None  # custom_mode of the latest accepted request
 
 
 def fresh_fix(context: TelemetryContext) -> PositionSample | None:
-    """Return the position while it is fresh and complete."""
+    """Return the GNSS position; None if it is old or incomplete."""
     fix = context.snapshot.position
-    usable = context.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
-    return fix if usable else None
+    is_usable = context.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+    return fix if is_usable else None
 
 
 def best_position(context: TelemetryContext) -> PositionSample | None:
-    """Return the position while it is fresh, otherwise the dead-reckoned one as a sample without a fix."""
+    """Return the GNSS position, otherwise the dead-reckoned position with fix type NONE; None without both."""
     fix, boat = fresh_fix(context), context.snapshot
     if fix is not None or boat.dead_reckoning is None:
         return fix
@@ -58,30 +58,30 @@ def best_position(context: TelemetryContext) -> PositionSample | None:
     )
 
 
-def whole(value: float | None, low: int, high: int, unknown: int) -> int:
-    """Return a value rounded into [low, high], or the field's number for unknown."""
+def to_integer(value: float | None, low: int, high: int, unknown: int) -> int:
+    """Round and limit a value to [low, high]; return `unknown` for None and values that are not finite."""
     if value is None or not math.isfinite(value):
         return unknown
     return round(min(max(value, low), high))
 
 
-def single(value: float | None, unknown: float = 0.0) -> float:
-    """Return a value that fits a single-precision field, or the one for unknown."""
+def to_float32(value: float | None, unknown: float = 0.0) -> float:
+    """Return the value; return `unknown` for None and values outside the range of single precision."""
     if value is None or not math.isfinite(value) or abs(value) > _SINGLE_MAX:
         return unknown
     return value
 
 
 def scaled_degrees(angle_rad: float | None, unknown: int = 0) -> int:
-    """Return a latitude or longitude in 1e-7 degrees."""
-    return whole(None if angle_rad is None else degrees(angle_rad) * 1e7, -1_800_000_000, 1_800_000_000, unknown)
+    """Convert a latitude or longitude to 1e-7 degrees."""
+    return to_integer(None if angle_rad is None else degrees(angle_rad) * 1e7, -1_800_000_000, 1_800_000_000, unknown)
 
 
 def boot_us(t_s: float) -> int:
-    """Return the time since start in microseconds."""
-    return whole(t_s * 1e6, 0, 1 << 62, 0)
+    """Convert the time since start to microseconds."""
+    return to_integer(t_s * 1e6, 0, 1 << 62, 0)
 
 
 def boot_ms(t_s: float) -> int:
-    """Return the time since start in milliseconds, which wraps after 49 days."""
-    return whole(t_s * 1e3, 0, 1 << 62, 0) & UINT32_MAX
+    """Convert the time since start to milliseconds, which wrap after 49 days."""
+    return to_integer(t_s * 1e3, 0, 1 << 62, 0) & UINT32_MAX

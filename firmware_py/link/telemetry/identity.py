@@ -1,4 +1,4 @@
-"""Identity of the autopilot: heartbeat, modes, version, capabilities."""
+"""Identity of the autopilot: HEARTBEAT, modes, version, capabilities."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.link.telemetry.fields import TelemetryContext
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
-INITIALISING = 16  # ArduRover's custom_mode before the first tick
+INITIALISING = 16  # custom_mode of ArduRover before the first tick
 
-_CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-_ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-_HIDDEN, _AUTO_MODE = 2, 4  # of MAV_MODE_PROPERTY, newer than pymavlink's dialect
+_CUSTOM_MODE_FLAG = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_ARMED_FLAG = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+_NOT_SELECTABLE, _AUTO_MODE = 2, 4  # MAV_MODE_PROPERTY, which the dialect of pymavlink lacks
 
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -39,7 +39,7 @@ _CRITICAL_FAULTS = sum(1 << fault for fault, row in FAULTS.items() if row.severi
 
 
 class Version(msgspec.Struct, frozen=True):
-    """The program's version, and a unique id of the boat (0: unknown)."""
+    """Version of the program, and unique id of the boat (0: unknown)."""
 
     major: int = 0
     minor: int = 0
@@ -49,7 +49,7 @@ class Version(msgspec.Struct, frozen=True):
 
 
 class ModeRow(msgspec.Struct, frozen=True):
-    """One mode as ground stations see it."""
+    """Mode with its MAVLink numbers."""
 
     mode: int  # custom_mode
     name: str
@@ -58,75 +58,77 @@ class ModeRow(msgspec.Struct, frozen=True):
     standard: int = int(StandardMode.NONE)  # MAV_STANDARD_MODE
 
 
-def _listed(mode: Mode, row: ModeProperties) -> ModeRow:
-    # A mode without manual input is an automatic one.
+def _make_row(mode: Mode, row: ModeProperties) -> ModeRow:
+    # A mode without manual input is an automatic mode.
     properties = 0 if row.base_mode & BaseMode.MANUAL_INPUT else _AUTO_MODE
     return ModeRow(mode, row.title, int(row.base_mode), properties, int(row.standard))
 
 
 MODES = (
-    *(_listed(mode, row) for mode, row in mode_table.MODES.items()),
-    ModeRow(INITIALISING, "INITIALISING", 0, _HIDDEN),
+    *(_make_row(mode, row) for mode, row in mode_table.MODES.items()),
+    ModeRow(INITIALISING, "INITIALISING", 0, _NOT_SELECTABLE),
 )
-# Changes with the table of modes, so that a station that has stored it requests it again.
+# It changes with the table of modes, so that a station with a stored table requests it again.
 MODES_SEQUENCE = zlib.crc32(repr(MODES).encode()) & 0xFF
 _STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
 
 
 def heartbeat(context: TelemetryContext) -> Message:
-    """Return the HEARTBEAT of a context."""
+    """Build HEARTBEAT."""
     snapshot = context.snapshot
-    base_mode = _CUSTOM | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED if snapshot.armed else 0)
+    base_mode = _CUSTOM_MODE_FLAG | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED_FLAG if snapshot.armed else 0)
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_SURFACE_BOAT, context.autopilot, base_mode, int(snapshot.mode), _state(snapshot), 3
+        mavlink.MAV_TYPE_SURFACE_BOAT, context.autopilot, base_mode, int(snapshot.mode), _system_status(snapshot), 3
     )
 
 
 def first_heartbeat(autopilot: int) -> Message:
-    """Return the HEARTBEAT before the first tick."""
-    state = mavlink.MAV_STATE_BOOT
-    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SURFACE_BOAT, autopilot, _CUSTOM, INITIALISING, state, 3)
+    """Build HEARTBEAT before the first tick."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_SURFACE_BOAT, autopilot, _CUSTOM_MODE_FLAG, INITIALISING, mavlink.MAV_STATE_BOOT, 3
+    )
 
 
-def _state(snapshot: Snapshot) -> int:
+def _system_status(snapshot: Snapshot) -> int:
+    """Return the MAV_STATE."""
     if snapshot.faults & _CRITICAL_FAULTS:
         return int(mavlink.MAV_STATE_CRITICAL)
     return int(mavlink.MAV_STATE_ACTIVE if snapshot.armed else mavlink.MAV_STATE_STANDBY)
 
 
 def current_mode(context: TelemetryContext) -> Message:
-    """Return CURRENT_MODE; the intended mode is the latest accepted request."""
+    """Build CURRENT_MODE; the intended mode is the latest accepted request."""
     mode = int(context.snapshot.mode)
     intended = mode if context.intended_mode is None else context.intended_mode
     return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, StandardMode.NONE), mode, intended)
 
 
 def mode_of_standard(standard: int) -> int | None:
-    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that the boat does not have."""
+    """Return the custom_mode of a MAV_STANDARD_MODE; None if the boat lacks the mode."""
     if standard == StandardMode.NONE:
         return None
     return next((row.mode for row in MODES if row.standard == standard), None)
 
 
-def available_modes_monitor(_scene: TelemetryContext) -> Message:
-    """Return AVAILABLE_MODES_MONITOR."""
+def available_modes_monitor(_context: TelemetryContext) -> Message:
+    """Build AVAILABLE_MODES_MONITOR."""
     return mavlink.mavlink_map[437](MODES_SEQUENCE)
 
 
 def available_modes(index: int) -> list[Message]:
-    """Return AVAILABLE_MODES for all modes (index 0), for one, or none for an index that is not one."""
-    chosen = range(len(MODES)) if index == 0 else range(index - 1, index) if 1 <= index <= len(MODES) else range(0)
+    """Build AVAILABLE_MODES of the mode with an index from 1, or of all modes (index 0); empty for an invalid index."""
     return [
         mavlink.mavlink_map[435](
-            len(MODES), number + 1, row.standard, int(row.mode), row.properties, text_of(row.name, 34)
+            len(MODES), number, row.standard, int(row.mode), row.properties, encode_text(row.name, 34)
         )
-        for number, row in ((number, MODES[number]) for number in chosen)
+        for number, row in enumerate(MODES, 1)
+        if index in (0, number)
     ]
 
 
 def autopilot_version(version: Version) -> Message:
-    """Return AUTOPILOT_VERSION; the type is DEV, so that no ground station proposes a firmware update."""
+    """Build AUTOPILOT_VERSION; the type is DEV, so that no ground station proposes a firmware update."""
     number = version.major << 24 | version.minor << 16 | version.patch << 8 | mavlink.FIRMWARE_VERSION_TYPE_DEV
     return mavlink.MAVLink_autopilot_version_message(
         capabilities=_CAPABILITIES,
@@ -134,7 +136,7 @@ def autopilot_version(version: Version) -> Message:
         middleware_sw_version=0,
         os_sw_version=0,
         board_version=0,
-        flight_custom_version=text_of(version.commit, 8).ljust(8, b"\0"),
+        flight_custom_version=encode_text(version.commit, 8).ljust(8, b"\0"),
         middleware_custom_version=bytes(8),
         os_custom_version=bytes(8),
         vendor_id=0,
@@ -144,5 +146,5 @@ def autopilot_version(version: Version) -> Message:
 
 
 def protocol_version() -> Message:
-    """Return PROTOCOL_VERSION: MAVLink 1 and 2 are received, 2 is sent."""
+    """Build PROTOCOL_VERSION: MAVLink 1 and 2 are received, MAVLink 2 is sent."""
     return mavlink.mavlink_map[300](200, 100, 200, bytes(8), bytes(8))

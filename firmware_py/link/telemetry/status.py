@@ -1,4 +1,4 @@
-"""Telemetry of the state of autopilot, devices, mission and compass swing; HIGH_LATENCY2 summarises all of it."""
+"""Telemetry of the state of autopilot, devices, mission and compass swing; HIGH_LATENCY2 is a summary."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from firmware_py.link.telemetry.fields import (
     boot_ms,
     fresh_fix,
     scaled_degrees,
-    whole,
+    to_integer,
 )
 from firmware_py.link.wire.dialect import Message, mavlink
 
@@ -36,16 +36,16 @@ _RUDDER = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
 _STORAGE = mavlink.MAV_SYS_STATUS_LOGGING
 _BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-# Healthy while not breached, also without a fence: MAVProxy reports "fence breach" if this bit is not set.
+# Healthy without a breach, even without a fence: MAVProxy reports "fence breach" if the bit is not set.
 _FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
 
-_CURRENT = mavlink.mavlink_map[42]
-_IN_MISSION_MODE, _SUSPENDED = 1, 2
+_MissionCurrent = mavlink.mavlink_map[42]
+_MISSION_MODE_ACTIVE, _MISSION_MODE_SUSPENDED = 1, 2
 
-_COMPASS_ID, _MASK = 0, 1
-_MASK_BYTES = 10
+_COMPASS_ID, _CAL_MASK = 0, 1
+_COMPLETION_MASK_BYTES = 10
 _ATTEMPT = 1
 _NO_DIRECTION = (0.0, 0.0, 0.0)
 
@@ -53,7 +53,7 @@ _COMPASS_FAILURE = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTI
 _FAILURES = (
     (Fault.COMPASS_LOST, _COMPASS_FAILURE),
     (Fault.POSITION_LOST, mavlink.HL_FAILURE_FLAG_GPS),
-    # There is no flag for a rudder; that of the engine is the closest.
+    # HIGH_LATENCY2 has no flag for a rudder; the flag of the engine is used instead.
     (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
@@ -66,14 +66,14 @@ _FAILURES = (
     (Fault.MISSION_UNUSABLE, mavlink.HL_FAILURE_FLAG_MISSION),
 )
 _NO_BATTERY = -1
-_ARMED_BIT, _HEADING_OK_BIT = 1, 2  # in custom2
+_ARMED_BIT, _HEADING_OK_BIT = 1, 2  # of custom2 in HIGH_LATENCY2
 
 
 def sys_status(context: TelemetryContext) -> Message:
-    """Return SYS_STATUS.
+    """Build SYS_STATUS.
 
-    Ground stations look for gyro, accelerometer and magnetometer; here all three are
-    the compass. errors_count1 counts skipped ticks.
+    The flags of gyro, accelerometer and magnetometer, which ground stations expect, all stand for the compass.
+    errors_count1 counts skipped ticks.
     """
     boat = context.snapshot
     fence = _FENCE if boat.mission.identities[1] else 0
@@ -87,34 +87,31 @@ def sys_status(context: TelemetryContext) -> Message:
         (_BATTERY, boat.power is not None and boat.power.voltage_v is not None),
         (_PREARM, boat.prearm_refusal == ""),
     )
-    breached = boat.faults >> Fault.FENCE_BREACHED & 1
-    healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
-    enabled = fence if boat.navigation.fence_enabled else 0
-    errors = whole(context.refused_frames, 0, UINT16_MAX, 0)
-    skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
-    millivolts, centiamperes, percent = _supply(context)
-    load = whole(context.load * 1e3, 0, 1000, 0)
+    is_breached = boat.faults >> Fault.FENCE_BREACHED & 1
+    healthy = (0 if is_breached else _FENCE) | present & sum(bits for bits, is_good in states if is_good)
+    enabled_fence = fence if boat.navigation.fence_enabled else 0
+    refused_frames = to_integer(context.refused_frames, 0, UINT16_MAX, 0)
+    skipped_ticks = to_integer(boat.skipped_total, 0, UINT16_MAX, 0)
+    load = to_integer(context.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
         present | fence,
-        present | enabled,
+        present | enabled_fence,
         healthy,
         load,
-        millivolts,
-        centiamperes,
-        percent,
+        *_battery_values(context),
         0,
-        errors,
-        skipped,
+        refused_frames,
+        skipped_ticks,
         0,
         0,
         0,
     )
 
 
-def _supply(context: TelemetryContext) -> tuple[int, int, int]:
-    """Return voltage (mV), current (cA, out of the battery) and charge (%) of the battery.
+def _battery_values(context: TelemetryContext) -> tuple[int, int, int]:
+    """Return voltage (mV), discharge current (cA) and charge (%) of the battery.
 
-    Without a measurement at the battery, voltage and current are those at the rudder servo.
+    If the battery is not measured, voltage and current are those of the rudder servo.
     """
     power, servo = context.snapshot.power, context.snapshot.servo
     voltage_v, current_a, charge = None, None, None
@@ -124,24 +121,24 @@ def _supply(context: TelemetryContext) -> tuple[int, int, int]:
     elif servo is not None:
         voltage_v = servo.voltage_v
         current_a = None if servo.current_a is None else abs(servo.current_a)
-    centiamperes = whole(None if current_a is None else current_a * 100.0, -INT16_MAX, INT16_MAX, UINT16_MAX)
+    centiamperes = to_integer(None if current_a is None else current_a * 100.0, -INT16_MAX, INT16_MAX, UINT16_MAX)
     return (
-        whole(None if voltage_v is None else voltage_v * 1e3, 0, UINT16_MAX - 1, UINT16_MAX),
-        # -1 means unknown; a current of 0.01 A is rounded to 0.
+        to_integer(None if voltage_v is None else voltage_v * 1e3, 0, UINT16_MAX - 1, UINT16_MAX),
+        # -1 means unknown, so a current of -0.01 A becomes 0.
         {UINT16_MAX: -1, -1: 0}.get(centiamperes, centiamperes),
-        whole(None if charge is None else charge * 100.0, 0, 100, -1),
+        to_integer(None if charge is None else charge * 100.0, 0, 100, -1),
     )
 
 
 def battery_status(context: TelemetryContext) -> Message | None:
-    """Return BATTERY_STATUS while a battery is measured; the voltage at the servo is in SYS_STATUS only.
+    """Build BATTERY_STATUS; None if the battery is not measured.
 
-    The consumed energy is that of the loads since start; if that is not measured, the discharged energy.
+    The consumed energy is that of the loads since start; if the loads are not measured, the discharged energy.
     """
     power = context.snapshot.power
     if power is None or power.voltage_v is None:
         return None
-    millivolts, centiamperes, percent = _supply(context)
+    millivolts, centiamperes, percent = _battery_values(context)
     temperature_c = power.temperature_c
     flow = power.load if power.load.measured_s else power.discharged
     consumed_j = flow.energy_j if flow.measured_s else None
@@ -149,95 +146,93 @@ def battery_status(context: TelemetryContext) -> Message | None:
         0,
         mavlink.MAV_BATTERY_FUNCTION_ALL,
         mavlink.MAV_BATTERY_TYPE_UNKNOWN,
-        whole(None if temperature_c is None else temperature_c * 100.0, -INT16_MAX, INT16_MAX - 1, INT16_MAX),
+        to_integer(None if temperature_c is None else temperature_c * 100.0, -INT16_MAX, INT16_MAX - 1, INT16_MAX),
         (millivolts, *(_MISSING_CELL,) * 9),
         centiamperes,
         -1,
-        whole(None if consumed_j is None else consumed_j / 100.0, 0, INT32_MAX, -1),
+        to_integer(None if consumed_j is None else consumed_j / 100.0, 0, INT32_MAX, -1),
         percent,
     )
 
 
 def system_time(context: TelemetryContext) -> Message:
-    """Return SYSTEM_TIME; the UTC is 0, unknown, if the clock is implausible."""
-    unix_us = whole(context.utc_s * 1e6, 0, 1 << 62, 0) if context.utc_s <= LAST_UTC_S else 0
+    """Build SYSTEM_TIME; the UTC is 0 (unknown) if the clock is implausible."""
+    unix_us = to_integer(context.utc_s * 1e6, 0, 1 << 62, 0) if context.utc_s <= LAST_UTC_S else 0
     return mavlink.MAVLink_system_time_message(unix_us, boot_ms(context.snapshot.t_s))
 
 
-def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others
-    """Return EXTENDED_SYS_STATE: a boat neither flies nor stands on the ground."""
+def extended_sys_state(_context: TelemetryContext) -> Message:
+    """Build EXTENDED_SYS_STATE with undefined states, since a boat neither flies nor lands."""
     return mavlink.MAVLink_extended_sys_state_message(
         mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
     )
 
 
 def fence_status(context: TelemetryContext) -> Message | None:
-    """Return FENCE_STATUS while there is a fence, and after a breach also without one, to clear it."""
-    boat, (count, since_s) = context.snapshot, context.fence_breaches
+    """Build FENCE_STATUS; None without a fence, unless a breach since start has to be cleared."""
+    boat, (count, latest_s) = context.snapshot, context.fence_breaches
     if not (boat.mission.identities[1] or count):
         return None
-    breached = bool(boat.faults >> Fault.FENCE_BREACHED & 1)
-    kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE
+    is_breached = bool(boat.faults >> Fault.FENCE_BREACHED & 1)
+    breach_type = mavlink.FENCE_BREACH_BOUNDARY if is_breached else mavlink.FENCE_BREACH_NONE
     return mavlink.MAVLink_fence_status_message(
-        int(breached), whole(count, 0, UINT16_MAX, 0), kind, boot_ms(since_s) if count else 0
+        int(is_breached), to_integer(count, 0, UINT16_MAX, 0), breach_type, boot_ms(latest_s) if count else 0
     )
 
 
 def rc_channels(context: TelemetryContext) -> Message | None:
-    """Return RC_CHANNELS while a station overrides channel 1, the only one in use."""
+    """Build RC_CHANNELS; None unless a station overrides channel 1, the only channel in use."""
     if context.override_us is None:
         return None
-    others = (UINT16_MAX,) * 17
+    unused_channels = (UINT16_MAX,) * 17
     return mavlink.MAVLink_rc_channels_message(
-        boot_ms(context.snapshot.t_s), 1, context.override_us, *others, UINT8_MAX
+        boot_ms(context.snapshot.t_s), 1, context.override_us, *unused_channels, UINT8_MAX
     )
 
 
 def mission_current(context: TelemetryContext) -> Message:
-    """Return MISSION_CURRENT: item, total without home, state, and the opaque ids of the three plans."""
+    """Build MISSION_CURRENT: item number, number of items without home, state, and opaque ids of the three plans."""
     boat = context.snapshot
-    report = boat.mission
-    sequence = 0 if report.index is None else report.index + first_item_number(context.autopilot, PlanKind.MISSION)
-    mode = _IN_MISSION_MODE if boat.mode is Mode.AUTO else _SUSPENDED
-    total = whole(report.count or None, 0, UINT16_MAX - 1, UINT16_MAX)
-    return _CURRENT(whole(sequence, 0, UINT16_MAX, 0), total, int(report.state), mode, *report.identities)
+    mode = _MISSION_MODE_ACTIVE if boat.mode is Mode.AUTO else _MISSION_MODE_SUSPENDED
+    total = to_integer(boat.mission.count or None, 0, UINT16_MAX - 1, UINT16_MAX)
+    number = to_integer(_item_number(context) or 0, 0, UINT16_MAX, 0)
+    return _MissionCurrent(number, total, int(boat.mission.state), mode, *boat.mission.identities)
 
 
 def mag_cal_progress(context: TelemetryContext) -> Message | None:
-    """Return MAG_CAL_PROGRESS; bit n of completion_mask is the nth twelfth of the circle."""
+    """Build MAG_CAL_PROGRESS during a swing; bit n of completion_mask is the nth twelfth of the circle."""
     swing = context.swing
     if swing.state is not CalibrationState.RUNNING:
         return None
-    mask = swing.sectors.to_bytes(_MASK_BYTES, "little")
+    sectors = swing.sectors.to_bytes(_COMPLETION_MASK_BYTES, "little")
     status = mavlink.MAG_CAL_RUNNING_STEP_ONE
-    return mavlink.mavlink_map[191](_COMPASS_ID, _MASK, status, _ATTEMPT, swing.percent, mask, *_NO_DIRECTION)
+    return mavlink.mavlink_map[191](_COMPASS_ID, _CAL_MASK, status, _ATTEMPT, swing.percent, sectors, *_NO_DIRECTION)
 
 
 def mag_cal_report(context: TelemetryContext) -> Message | None:
-    """Return MAG_CAL_REPORT of a proposal that is not accepted yet."""
+    """Build MAG_CAL_REPORT of a swing result that is not accepted yet; None without one."""
     swing = context.swing
-    return None if swing.state is not CalibrationState.DONE else report_of(swing, saved=False)
+    return None if swing.state is not CalibrationState.DONE else swing_report_message(swing, is_saved=False)
 
 
-def report_of(swing: SwingReport, *, saved: bool) -> Message:
-    """Return MAG_CAL_REPORT: its fitness is the residual in degrees; a swing has no field offsets."""
+def swing_report_message(swing: SwingReport, *, is_saved: bool) -> Message:
+    """Build MAG_CAL_REPORT; its fitness is the residual in degrees. A swing has no field offsets."""
     fitness = degrees(swing.residual_after_rad or swing.sd_rad or 0.0)
-    nothing = (0.0,) * 9
+    no_offsets = (0.0,) * 9
     return mavlink.MAVLink_mag_cal_report_message(
-        _COMPASS_ID, _MASK, mavlink.MAG_CAL_SUCCESS, int(saved), fitness, *nothing
+        _COMPASS_ID, _CAL_MASK, mavlink.MAG_CAL_SUCCESS, int(is_saved), fitness, *no_offsets
     )
 
 
 def high_latency2(context: TelemetryContext) -> Message:
-    """Return HIGH_LATENCY2; an unknown value is 0, since the message has no number for it.
+    """Build HIGH_LATENCY2; an unknown value is 0, since the message has no number for unknown.
 
-    With the failure flag of GPS the position is dead-reckoned.
+    If the failure flag of GPS is set, the position is dead-reckoned.
 
-    custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage of
-    the battery in fifths of a volt, at the servo if the battery is not measured, -1 without one; custom2
-    says by bits whether the boat is armed (1) and has a valid heading (2).
+    custom0 is the measured rudder angle in degrees, -128 if unknown. custom1 is the voltage of the battery in units of
+    0.2 V (of the servo if the battery is not measured), -1 if unknown. Bits of custom2: 1 armed, 2 valid heading.
     """
-    boat, fix, place = context.snapshot, fresh_fix(context), best_position(context)
+    boat, fix, position = context.snapshot, fresh_fix(context), best_position(context)
     failures = 0
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0
@@ -249,14 +244,14 @@ def high_latency2(context: TelemetryContext) -> Message:
         timestamp=boot_ms(boat.t_s),
         type=mavlink.MAV_TYPE_SURFACE_BOAT,
         autopilot=context.autopilot,
-        custom_mode=whole(float(boat.mode), 0, UINT16_MAX, 0),
-        latitude=scaled_degrees(place.latitude_rad if place else None),
-        longitude=scaled_degrees(place.longitude_rad if place else None),
-        altitude=whole(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),
+        custom_mode=to_integer(float(boat.mode), 0, UINT16_MAX, 0),
+        latitude=scaled_degrees(position.latitude_rad if position else None),
+        longitude=scaled_degrees(position.longitude_rad if position else None),
+        altitude=to_integer(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),
         target_altitude=0,
         heading=_half_degrees(boat.heading_rad if boat.heading_ok else None),
         target_heading=_half_degrees(boat.goal_heading_rad),
-        target_distance=whole(None if boat.distance_m is None else boat.distance_m / 10.0, 0, UINT16_MAX, 0),
+        target_distance=to_integer(None if boat.distance_m is None else boat.distance_m / 10.0, 0, UINT16_MAX, 0),
         throttle=0,
         airspeed=_fifths(boat.water.speed_m_s if boat.water else None),
         airspeed_sp=0,
@@ -267,26 +262,28 @@ def high_latency2(context: TelemetryContext) -> Message:
         epv=UINT8_MAX,
         temperature_air=0,
         climb_rate=0,
-        battery=whole(None if charge is None else charge * 100.0, 0, 100, _NO_BATTERY),
-        wp_num=whole(_item_number(context), 0, UINT16_MAX, 0),
+        battery=to_integer(None if charge is None else charge * 100.0, 0, 100, _NO_BATTERY),
+        wp_num=to_integer(_item_number(context), 0, UINT16_MAX, 0),
         failure_flags=failures,
-        custom0=whole(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
-        custom1=whole(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
+        custom0=to_integer(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
+        custom1=to_integer(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
         custom2=(_ARMED_BIT if boat.armed else 0) | (_HEADING_OK_BIT if boat.heading_ok else 0),
     )
 
 
 def _item_number(context: TelemetryContext) -> float | None:
-    """Return the current item as ground stations number it."""
+    """Return the number of the current item on the link, which depends on the autopilot type."""
     index = context.snapshot.mission.index
     return None if index is None else index + first_item_number(context.autopilot, PlanKind.MISSION)
 
 
 def _half_degrees(angle_rad: float | None) -> int:
+    """Convert a heading to units of 2 degrees; 0 if it is unknown."""
     if angle_rad is None or not math.isfinite(angle_rad):
         return 0
     return round(compass_degrees(angle_rad) / 2.0) % 180
 
 
 def _fifths(speed_m_s: float | None) -> int:
-    return whole(None if speed_m_s is None else speed_m_s * 5.0, 0, UINT8_MAX, 0)
+    """Convert a speed to units of 0.2 m/s; 0 if it is unknown."""
+    return to_integer(None if speed_m_s is None else speed_m_s * 5.0, 0, UINT8_MAX, 0)

@@ -1,4 +1,4 @@
-"""STATUSTEXT: messages to the operator, in chunks, and not too many of them."""
+"""STATUSTEXT: texts to the operator, divided into chunks and limited in number."""
 
 from __future__ import annotations
 
@@ -11,87 +11,87 @@ from firmware_py.common.records import Event, Severity
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 
-_CHUNK = 50
-_LONGEST = 250
-_SAME_S = 2.0  # the same text is not repeated within this
-_SAME_LATEST_S = 60.0  # limit of this time, which doubles while the cause continues
-_KNOWN_TEXTS = 32
-_BURST = 8  # texts in a burst
-_RATE_HZ = 2.0  # and on average
-_REMEMBERED = 5
-_AGES = ((172_800.0, 86_400.0, "d"), (7_200.0, 3_600.0, "h"), (60.0, 60.0, "min"))  # minimum age, unit in seconds
-_FAULT_OF = {row.recovery: row.text for row in FAULTS.values()}
+_CHUNK_BYTES = 50
+_MAX_TEXT_BYTES = 250
+_MIN_REPEAT_S = 2.0  # minimum time between two equal texts; it doubles while the cause continues
+_MAX_REPEAT_S = 60.0  # its maximum
+_MAX_STORED_TEXTS = 32
+_MAX_BURST_TEXTS = 8
+_MAX_RATE_HZ = 2.0  # average of all texts
+_MAX_STORED_WARNINGS = 5
+_AGE_UNITS = ((172_800.0, 86_400.0, "d"), (7_200.0, 3_600.0, "h"), (60.0, 60.0, "min"))  # minimum age, unit in seconds
+_FAULT_TEXT_OF_RECOVERY = {row.recovery: row.text for row in FAULTS.values()}
 
 
 def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
-    """Return the STATUSTEXT messages of a text; `number` identifies the chunks of a long one."""
-    data = text_of(text, _LONGEST)
-    if len(data) <= _CHUNK:
+    """Return the STATUSTEXT messages of a text; `number` identifies the chunks of a long text."""
+    data = encode_text(text, _MAX_TEXT_BYTES)
+    if len(data) <= _CHUNK_BYTES:
         return [mavlink.MAVLink_statustext_message(int(severity), data)]
-    # A chunk that is not full ends the text, so an empty one follows a full last one.
-    starts = range(0, len(data) + 1, _CHUNK)
+    # A chunk that is not full ends the text, so an empty chunk follows if the last one is full.
+    starts = range(0, len(data) + 1, _CHUNK_BYTES)
     return [
-        mavlink.MAVLink_statustext_message(int(severity), data[start : start + _CHUNK], number, index)
+        mavlink.MAVLink_statustext_message(int(severity), data[start : start + _CHUNK_BYTES], number, index)
         for index, start in enumerate(starts)
     ]
 
 
 class _SentText(NamedTuple):
-    """Time of a text, the time until it may be sent again, and whether it was held back since."""
+    """Time of a text, minimum time until it is repeated, and whether a repetition was suppressed since."""
 
     t_s: float
-    quiet_s: float = _SAME_S
-    held_back: bool = False
+    repeat_s: float = _MIN_REPEAT_S
+    was_suppressed: bool = False
 
 
 class TextLimiter:
-    """Limits repeated texts to one peer: those with a continuous cause become rarer."""
+    """Limits the texts to one peer. While the cause of a text continues, its repetitions become rarer."""
 
     def __init__(self) -> None:
-        """Start with a full burst."""
+        """Start without texts."""
         self._sent_texts: OrderedDict[str, _SentText] = OrderedDict()
-        self._tokens = TokenBucket(_BURST, _RATE_HZ)
+        self._tokens = TokenBucket(_MAX_BURST_TEXTS, _MAX_RATE_HZ)
 
     def admit(self, text: str, now_s: float) -> bool:
         """Return whether a text may be sent now, and count it."""
         last = self._sent_texts.get(text, _SentText(-math.inf))
         age_s = now_s - last.t_s
-        if age_s < last.quiet_s:
-            self._sent_texts[text] = last._replace(held_back=True)
+        if age_s < last.repeat_s:
+            self._sent_texts[text] = last._replace(was_suppressed=True)
             return False
         if not self._tokens.spend_one(now_s):
             return False
-        streams = last.held_back and age_s < 2.0 * last.quiet_s
-        quiet_s = min(2.0 * last.quiet_s, _SAME_LATEST_S) if streams else _SAME_S
-        keep_latest(self._sent_texts, text, _SentText(now_s, quiet_s), _KNOWN_TEXTS)
+        cause_continues = last.was_suppressed and age_s < 2.0 * last.repeat_s
+        repeat_s = min(2.0 * last.repeat_s, _MAX_REPEAT_S) if cause_continues else _MIN_REPEAT_S
+        keep_latest(self._sent_texts, text, _SentText(now_s, repeat_s), _MAX_STORED_TEXTS)
         return True
 
 
 class RecentWarnings:
-    """The latest warnings, for stations that connect later, with their age; without cleared faults."""
+    """Latest warnings for stations that connect later, without those of cleared faults."""
 
     def __init__(self) -> None:
-        """Start empty."""
-        self._events: deque[tuple[float, Event]] = deque(maxlen=_REMEMBERED)
+        """Start without warnings."""
+        self._events: deque[tuple[float, Event]] = deque(maxlen=_MAX_STORED_WARNINGS)
 
-    def note(self, event: Event, now_s: float) -> None:
-        """Store a warning; the text of a recovery removes that of its fault."""
+    def add(self, event: Event, now_s: float) -> None:
+        """Store a warning; the text of a recovery removes the warning of its fault."""
         if event.severity <= Severity.WARNING:
             self._events.append((now_s, event))
-        elif (gone := _FAULT_OF.get(event.text)) is not None:
-            kept = [(told_s, other) for told_s, other in self._events if other.text != gone]
-            self._events = deque(kept, maxlen=_REMEMBERED)
+        elif (cleared_text := _FAULT_TEXT_OF_RECOVERY.get(event.text)) is not None:
+            remaining = [(t_s, other) for t_s, other in self._events if other.text != cleared_text]
+            self._events = deque(remaining, maxlen=_MAX_STORED_WARNINGS)
 
     def recent_events(self, now_s: float) -> Iterator[Event]:
-        """Yield the warnings, the oldest first."""
-        for told_s, event in self._events:
-            yield Event(event.severity, _age_prefix(now_s - told_s) + event.text)
+        """Yield the warnings with their age in the text, the oldest first."""
+        for t_s, event in self._events:
+            yield Event(event.severity, _age_prefix(now_s - t_s) + event.text)
 
 
 def _age_prefix(age_s: float) -> str:
-    for least_s, unit_s, unit in _AGES:
-        if age_s >= least_s:
+    for min_age_s, unit_s, unit in _AGE_UNITS:
+        if age_s >= min_age_s:
             return f"{age_s / unit_s:.0f} {unit} ago: "
     return ""

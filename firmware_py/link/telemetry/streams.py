@@ -1,4 +1,4 @@
-"""When each row of the telemetry table is due for one peer."""
+"""Intervals of telemetry messages: when each row of the telemetry table is sent to a peer."""
 
 from __future__ import annotations
 
@@ -8,65 +8,67 @@ from collections.abc import Callable, Mapping, Sequence
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.urls import LinkClass
 
-MIN_INTERVAL_S = 0.02  # 50 Hz, the fastest loop
-# Clients request high rates by default; these are refused on a satellite link.
+MIN_INTERVAL_S = 0.02  # of the fastest loop, 50 Hz
+# Ground stations request high rates by default; a satellite link rejects them.
 MIN_SATELLITE_INTERVAL_S = 10.0
-MIN_MESSAGE_INTERVAL_S = 600.0
+MIN_MESSAGE_INTERVAL_S = 600.0  # paid messages
 MAX_INTERVAL_S = 3600.0
-HIGH_LATENCY = 235  # HIGH_LATENCY2
+HIGH_LATENCY2 = 235
 _OFF = math.inf
 
-_RATES: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
+_DEFAULT_RATE_HZ: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
     LinkClass.FAST: lambda row: row.fast_hz,
     LinkClass.RADIO: lambda row: row.radio_hz,
     LinkClass.SATELLITE: lambda _row: 0.0,
     LinkClass.MESSAGES: lambda _row: 0.0,
 }
-_MIN_INTERVAL_S: Mapping[LinkClass, float] = {
+_MIN_INTERVAL_OF_CLASS_S: Mapping[LinkClass, float] = {
     LinkClass.SATELLITE: MIN_SATELLITE_INTERVAL_S,
     LinkClass.MESSAGES: MIN_MESSAGE_INTERVAL_S,
 }
 
 
 class Streams:
-    """The intervals that one peer has requested, or those of the class of its link."""
+    """Intervals of the telemetry to one peer: those that it requested, or the defaults of the class of its link."""
 
-    __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s", "_stream_s")
+    __slots__ = ("_default_interval_s", "_due_s", "_interval_s", "_min_interval_s", "_min_stream_interval_s")
 
     def __init__(self, link_class: LinkClass, now_s: float) -> None:
-        """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
-        self._fastest_s = _MIN_INTERVAL_S.get(link_class, MIN_INTERVAL_S)
-        rates = [_RATES[link_class](row) for row in TABLE]
+        """Start with the default rates of the class, and all active messages due. A satellite link has no defaults."""
+        self._min_interval_s = _MIN_INTERVAL_OF_CLASS_S.get(link_class, MIN_INTERVAL_S)
+        rates_hz = [_DEFAULT_RATE_HZ[link_class](row) for row in TABLE]
         # A stream request must not fill a radio link with messages that rarely change.
-        slow = link_class is LinkClass.RADIO
-        self._stream_s = [1.0 / row.fast_hz if slow and row.fast_hz else MIN_INTERVAL_S for row in TABLE]
-        self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
-        self._interval_s = list(self._defaults)
-        self._due_s = [now_s if rate else _OFF for rate in rates]
+        is_radio = link_class is LinkClass.RADIO
+        self._min_stream_interval_s = [
+            1.0 / row.fast_hz if is_radio and row.fast_hz else MIN_INTERVAL_S for row in TABLE
+        ]
+        self._default_interval_s = [1.0 / rate_hz if rate_hz else _OFF for rate_hz in rates_hz]
+        self._interval_s = list(self._default_interval_s)
+        self._due_s = [now_s if rate_hz else _OFF for rate_hz in rates_hz]
 
-    def due(self, now_s: float, tick_s: float) -> Sequence[int]:
-        """Return the rows that are nearer to being due now than at the next tick, the longest due first."""
+    def due_rows(self, now_s: float, tick_s: float) -> Sequence[int]:
+        """Return the rows due before half of the next tick interval `tick_s`, in order of their due times."""
         limit_s = now_s + 0.5 * tick_s
-        if min(self._due_s) > limit_s:  # of three ticks two find none
+        if min(self._due_s) > limit_s:  # the quick result of about two thirds of the ticks
             return ()
         rows = [row for row, due_s in enumerate(self._due_s) if due_s <= limit_s]
         rows.sort(key=self._due_s.__getitem__)
         return rows
 
-    def mark_sent(self, row: int, now_s: float, stretch: float = 1.0) -> None:
-        """Schedule a row after it was sent or had no content: in phase, without catching up missed intervals."""
-        interval_s = self._interval_s[row] * stretch
+    def schedule_next(self, row: int, now_s: float, interval_factor: float = 1.0) -> None:
+        """Set the next due time of a row that was sent or had no content; missed intervals are skipped."""
+        interval_s = self._interval_s[row] * interval_factor
         next_s = self._due_s[row] + interval_s
         self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
 
     def make_due(self, number: int, now_s: float) -> None:
-        """Make a message due now, if it is sent at all."""
+        """Make a message due now unless it is off."""
         for row in ROWS_OF.get(number, ()):
             if self._interval_s[row] < _OFF:
                 self._due_s[row] = now_s
 
     def postpone(self, number: int, now_s: float) -> None:
-        """Note that a message was sent outside its turn."""
+        """Restart the interval of a message that was sent before it was due."""
         for row in ROWS_OF.get(number, ()):
             self._due_s[row] = now_s + self._interval_s[row]
 
@@ -75,7 +77,7 @@ class Streams:
         self._due_s = [now_s if interval_s < _OFF else _OFF for interval_s in self._interval_s]
 
     def interval_us(self, number: int) -> int | None:
-        """Return the interval of a message in microseconds, -1 if it is off, None for an unknown message."""
+        """Return the interval of a message in microseconds; -1 if it is off, None for an unknown message."""
         rows = ROWS_OF.get(number)
         if rows is None:
             return None
@@ -83,36 +85,39 @@ class Streams:
         return -1 if interval_s == _OFF else round(interval_s * 1e6)
 
     def set_interval(self, number: int, interval_us: float, now_s: float) -> bool:
-        """Set an interval: -1 turns the message off, 0 restores its default. False if it is refused."""
+        """Set an interval: -1 turns the message off, 0 restores its default. Return False if it is rejected.
+
+        The interval of HEARTBEAT cannot be set: without heartbeats a ground station reports a lost link.
+        """
         rows = ROWS_OF.get(number)
-        # Without heartbeats every ground station would report a lost link.
         if rows is None or number == 0 or not math.isfinite(interval_us):
             return False
         if interval_us in (-1.0, 0.0):
             for row in rows:
-                self._set(row, _OFF if interval_us else self._defaults[row], now_s)
+                self._set(row, _OFF if interval_us else self._default_interval_s[row], now_s)
             return True
-        if not self._fastest_s <= interval_us * 1e-6 <= MAX_INTERVAL_S:
+        if not self._min_interval_s <= interval_us * 1e-6 <= MAX_INTERVAL_S:
             return False
         for row in rows:
             self._set(row, interval_us * 1e-6, now_s)
         return True
 
     def set_stream(self, stream: int, rate_hz: float, now_s: float) -> None:
-        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Ignored on a satellite link.
+        """Set the rate of a MAV_DATA_STREAM (0: off) or of all streams (stream 0).
 
-        On a radio link the rate of a message is at most its default on a fast link.
+        A satellite link ignores the request. On a radio link the rate of a message is at most its default on a fast
+        link.
         """
-        if self._fastest_s > MIN_INTERVAL_S:
+        if self._min_interval_s > MIN_INTERVAL_S:
             return
         interval_s = _OFF if rate_hz <= 0.0 else 1.0 / rate_hz
         for index, row in enumerate(TABLE):
             if row.stream is not None and stream in (0, row.stream):
-                self._set(index, max(interval_s, self._stream_s[index]), now_s)
+                self._set(index, max(interval_s, self._min_stream_interval_s[index]), now_s)
 
     def set_high_latency(self, interval_s: float | None, now_s: float) -> None:
-        """Set the interval of HIGH_LATENCY2, or turn it off (None)."""
-        for row in ROWS_OF[HIGH_LATENCY]:
+        """Set the interval of HIGH_LATENCY2; None turns it off."""
+        for row in ROWS_OF[HIGH_LATENCY2]:
             self._set(row, _OFF if interval_s is None else interval_s, now_s)
 
     def _set(self, row: int, interval_s: float, now_s: float) -> None:

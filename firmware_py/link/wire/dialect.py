@@ -1,8 +1,8 @@
-"""The MAVLink dialect: pymavlink's message classes, and additions that it lacks.
+"""MAVLink dialect: the message classes of pymavlink and messages that it lacks.
 
 The dialect module is imported directly, since mavutil would cost 0.2 s and 30 MB. `common` of pymavlink 2.4.50 is older
-than the published definitions. Further messages of the autopilot are added here, with the checksum seeds that
-pymavlink's generator computes from the published XML (a test compares them).
+than the published definitions. This module adds the missing messages of the autopilot, with the checksum seeds that
+the generator of pymavlink computes from the published XML (a test compares them).
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
-Message: TypeAlias = Any  # pymavlink's message classes are generated and untyped
+Message: TypeAlias = Any  # the message classes of pymavlink are untyped
 
-__all__ = ["ADDITIONS", "Addition", "Message", "mavlink", "payload_of_addition", "text_of"]
+__all__ = ["ADDITIONS", "Addition", "Message", "encode_text", "mavlink", "payload_of_addition"]
 
 
 class Addition(NamedTuple):
-    """A message that pymavlink lacks, or has without its extension fields."""
+    """Message that pymavlink lacks, or defines without its extension fields."""
 
     name: str
     number: int
     seed: int  # crc_extra
-    layout: str  # struct format, in the order of the wire
-    wire: tuple[str, ...]  # names of the fields, in the order of the wire
-    fields: tuple[str, ...]  # names of the fields, in the order of the definition
+    layout: str  # struct format of the payload
+    wire: tuple[str, ...]  # field names in the order of the payload
+    fields: tuple[str, ...]  # field names in the order of the definition
 
 
-_RATIOS = tuple(f"{name}_variance" for name in ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt"))
+_VARIANCE_FIELDS = tuple(f"{name}_variance" for name in ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt"))
 ADDITIONS = (
     Addition(
         "MISSION_CURRENT",
@@ -89,8 +89,8 @@ ADDITIONS = (
         193,
         71,
         "<fffffHf",
-        (*_RATIOS, "flags", "airspeed_variance"),
-        ("flags", *_RATIOS, "airspeed_variance"),
+        (*_VARIANCE_FIELDS, "flags", "airspeed_variance"),
+        ("flags", *_VARIANCE_FIELDS, "airspeed_variance"),
     ),
     Addition(
         "PROTOCOL_VERSION",
@@ -148,12 +148,12 @@ ADDITIONS = (
 )
 
 
-def _payload(row: Addition, message: Message) -> bytes:
+def _pack_payload(row: Addition, message: Message) -> bytes:
     return struct.pack(row.layout, *(getattr(message, name) for name in row.wire))
 
 
 def _message_class(row: Addition) -> Any:
-    """Return a message class of pymavlink's shape for a row."""
+    """Create a message class with the interface of the generated classes of pymavlink."""
 
     def initialise(self: Any, *values: object) -> None:
         mavlink.MAVLink_message.__init__(self, row.number, row.name)
@@ -162,9 +162,9 @@ def _message_class(row: Addition) -> Any:
             setattr(self, name, value)
 
     def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:  # noqa: FBT001, FBT002 - pymavlink's signature
-        return bytes(self._pack(mav, row.seed, _payload(row, self), force_mavlink1=force_mavlink1))
+        return bytes(self._pack(mav, row.seed, _pack_payload(row, self), force_mavlink1=force_mavlink1))
 
-    shape = {
+    attributes = {
         "id": row.number,
         "msgname": row.name,
         "fieldnames": list(row.fields),
@@ -177,30 +177,29 @@ def _message_class(row: Addition) -> Any:
         "__init__": initialise,
         "pack": pack,
     }
-    return type(f"MAVLink_{row.name.lower()}_message", (mavlink.MAVLink_message,), shape)
+    return type(f"MAVLink_{row.name.lower()}_message", (mavlink.MAVLink_message,), attributes)
 
 
 for _row in ADDITIONS:
-    # pymavlink's decoder looks its messages up here and nowhere else.
-    mavlink.mavlink_map[_row.number] = _message_class(_row)
+    mavlink.mavlink_map[_row.number] = _message_class(_row)  # the table of the decoder of pymavlink
 
 
-_ADDED = {row.number: row for row in ADDITIONS}
+_ADDITION_OF_NUMBER = {row.number: row for row in ADDITIONS}
 
 
 def payload_of_addition(message: Message) -> bytes | None:
-    """Return the payload of a message that is added here; None for one that pymavlink packs."""
-    row = _ADDED.get(type(message).id)
-    return None if row is None else _payload(row, message)
+    """Return the payload of a message of ADDITIONS; None for a message of pymavlink."""
+    row = _ADDITION_OF_NUMBER.get(type(message).id)
+    return None if row is None else _pack_payload(row, message)
 
 
-def forget_what_is_not_used() -> None:
-    """Release 1.5 MiB of pymavlink: texts of enumerations and unused methods."""
+def release_unused_attributes() -> None:
+    """Free 1.5 MiB of pymavlink: texts of enumerations and unused methods."""
     mavlink.enums.clear()
     for name in [name for name in vars(mavlink.MAVLink) if name.endswith(("_encode", "_send"))]:
         delattr(mavlink.MAVLink, name)
 
 
-def text_of(text: str, length: int) -> bytes:
-    """Return a text as a MAVLink char field: ASCII, cut to length."""
+def encode_text(text: str, length: int) -> bytes:
+    """Encode a text as a MAVLink char field: ASCII with ? for other characters, truncated to `length` bytes."""
     return text.encode("ascii", "replace")[:length]

@@ -1,9 +1,9 @@
-"""MAVLink frames: finds them in received bytes, decodes, packs and stamps them, and converts them to MAVLink 1.
+"""MAVLink frames: splitting of received bytes, decoding, packing, sequence numbers, and conversion to MAVLink 1.
 
-pymavlink's own stream parser is not used: it keeps every byte while reads end in the middle of a frame, skips a whole
-claimed frame (up to 280 good bytes) after one false marker, and waits forever for the rest of a frame that was never
-sent. `Splitter` steps over a false marker by one byte, holds less than one frame, and gives up on an incomplete frame:
-soon if another whole frame is found behind its start, otherwise late, since a modem may deliver a frame in pieces.
+The stream parser of pymavlink is not used. It stores all bytes while reads end in the middle of a frame, skips up to
+280 valid bytes after one false marker, and waits without limit for the rest of an incomplete frame. `Splitter` skips
+one byte after a false marker and stores less than one frame. It drops an incomplete frame after STALE_S if a complete
+frame follows its start, and otherwise after LATE_S, since a modem may deliver a frame in pieces.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from typing import NamedTuple
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link.wire.dialect import Message, mavlink, payload_of_addition
 
-STALE_S = 0.5  # an incomplete frame is dropped after this if another is found behind its start
-LATE_S = 10.0  # and in any case after this, on a slow line later
-_LONGEST_FRAME = 280
+STALE_S = 0.5  # maximum age of an incomplete frame that a complete frame follows
+LATE_S = 10.0  # maximum age of any incomplete frame; longer on a slow line
+MAX_FRAME_BYTES = 280
 _MARKER = re.compile(b"[\xfd\xfe]")
 MAVLINK1, _MAVLINK2 = 0xFE, 0xFD
-_HEADER = {0xFD: 10, 0xFE: 6}
-_SIGNED = 0x01
-_SIGNATURE = 13
-_WAIT = 0  # may be a frame, when more bytes come
-_FALSE = -1  # not the start of a frame
+_HEADER_BYTES = {0xFD: 10, 0xFE: 6}
+_SIGNED_FLAG = 0x01
+_SIGNATURE_BYTES = 13
+_INCOMPLETE = 0  # size of a possible frame whose end is missing
+_NO_FRAME = -1  # size at a false marker
 
 _MAX_MAVLINK1_NUMBER = 255
-_RADIO_STATUS = 109  # sent by the modem, not by the peer behind it
-_VERSION1_S = 10.0  # stations start with MAVLink 1 and change to MAVLink 2 once they have received it
-_VERSION1_FRAMES = 5
+_RADIO_STATUS = 109  # sent by the modem, not by the peer
+_MIN_MAVLINK1_S = 10.0  # stations start with MAVLink 1 and change to MAVLink 2 after its first frame
+_MIN_MAVLINK1_FRAMES = 5
 
-# Payload bytes without extension fields, of all messages of the boat that have such fields.
+# Message id: payload bytes without extension fields, for the messages of the boat that have such fields.
 _BASE_BYTES: Mapping[int, int] = {
     1: 31,
     24: 30,
@@ -61,31 +61,31 @@ _SEEDS = {number: bytes((kind.crc_extra,)) for number, kind in mavlink.mavlink_m
 
 
 class Packed(NamedTuple):
-    """A message ready to be stamped with a peer's sequence number."""
+    """Message frame without sequence number and checksum, which differ between peers."""
 
-    frame: bytes  # whole, with sequence number 0 and, until it is stamped, no checksum
-    seed: bytes  # crc_extra, one byte; empty for a routed frame, which keeps its number and signature
+    frame: bytes  # complete, with zeros for sequence number and checksum
+    seed: bytes  # crc_extra, one byte; empty for a routed frame, which keeps its sequence number and signature
 
 
 def checksum(covered: bytes, seed: bytes) -> int:
-    """Return the checksum of a frame without its first byte, its checksum and its signature."""
+    """Return the checksum of a frame; `covered` excludes the marker, the checksum and the signature."""
     return mcrf4xx(covered + seed)
 
 
 def stamp(packed: Packed, sequence: int) -> bytes:
-    """Return the frame with this sequence number and its checksum: a tenth of the cost of packing it again."""
+    """Insert sequence number and checksum, at a tenth of the cost of packing the message again."""
     frame = packed.frame
-    place = 4 if frame[0] == _MAVLINK2 else 2
-    covered = frame[1:place] + bytes((sequence,)) + frame[place + 1 : -2]
+    offset = 4 if frame[0] == _MAVLINK2 else 2
+    covered = frame[1:offset] + bytes((sequence,)) + frame[offset + 1 : -2]
     return frame[:1] + covered + checksum(covered, packed.seed).to_bytes(2, "little")
 
 
-def _payload_alone(_mav: object, _seed: int, payload: bytes, force_mavlink1: bool = False) -> bytes:  # noqa: ARG001, FBT001, FBT002 - pymavlink's signature
+def _return_payload(_mav: object, _seed: int, payload: bytes, force_mavlink1: bool = False) -> bytes:  # noqa: ARG001, FBT001, FBT002 - pymavlink's signature
     return payload
 
 
-def _samples() -> tuple[Message, ...]:
-    """Return messages with different layouts: zeros at the end, a text, an array, one of the additions."""
+def _sample_messages() -> tuple[Message, ...]:
+    """Return messages with different layouts: trailing zeros, a text, an array, an addition."""
     return (
         mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
         mavlink.MAVLink_statustext_message(4, b"text", 3, 1),
@@ -98,50 +98,49 @@ class Codec:
     """Packs the messages of one system and component, and decodes received ones."""
 
     def __init__(self, system: int, component: int) -> None:
-        """Take the MAVLink address that outgoing frames carry."""
+        """Store the source address of outgoing frames."""
         self._address = bytes((system, component))
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.quick = self._packs_quickly()
+        self.packs_payload_only = self._can_pack_payload_only()
 
     def pack(self, message: Message) -> Packed:
-        """Return the packed message; struct.error for a field that does not fit.
+        """Pack a message; raise struct.error for a field out of range.
 
-        pymavlink packs the payload; the header is added here, which takes a third of pymavlink's time.
+        pymavlink packs the payload only; `pack_payload` adds the header, in a third of the time of pymavlink.
         """
-        return self._pack_quickly(message) if self.quick else self._pack_whole(message)
+        return self._pack_payload_only(message) if self.packs_payload_only else self._pack_complete(message)
 
-    def _packs_quickly(self) -> bool:
-        """Return whether packing by pymavlink's private names gives its own result: another version may differ."""
+    def _can_pack_payload_only(self) -> bool:
+        """Return whether packing with a private name of pymavlink is correct; another version may differ."""
         try:
-            return all(self._pack_quickly(message) == self._pack_whole(message) for message in _samples())
-        except Exception:  # noqa: BLE001 - whatever it does instead
+            return all(
+                self._pack_payload_only(message) == self._pack_complete(message) for message in _sample_messages()
+            )
+        except Exception:  # noqa: BLE001 - another version may raise any exception
             return False
 
-    def _pack_whole(self, message: Message) -> Packed:
-        number, added = type(message).id, payload_of_addition(message)
-        if added is not None:
-            return self.pack_payload(number, added)
+    def _pack_complete(self, message: Message) -> Packed:
+        number, payload = type(message).id, payload_of_addition(message)
+        if payload is not None:
+            return self.pack_payload(number, payload)
         return Packed(bytes(message.pack(self._mav))[:-2] + b"\0\0", _SEEDS[number])
 
-    def _pack_quickly(self, message: Message) -> Packed:
-        message._pack = _payload_alone  # noqa: SLF001 - the last that its classes do when they pack
+    def _pack_payload_only(self, message: Message) -> Packed:
+        message._pack = _return_payload  # noqa: SLF001 - pack() calls it with the packed payload
         try:
             payload = message.pack(None)
         finally:
             del message._pack  # noqa: SLF001
-        return self.pack_payload(type(message).id, payload)  # a field may be named id
+        return self.pack_payload(type(message).id, payload)  # of the class, since a field may be named id
 
     def pack_payload(self, number: int, payload: bytes) -> Packed:
-        """Return a packed payload as a message: half the cost of `pack`, for long transfers.
-
-        The checksum is left to `stamp`, as is the sequence number.
-        """
+        """Add the header to a packed payload. For long transfers this costs half of `pack`."""
         payload = payload.rstrip(b"\0") or b"\0"
-        head = bytes((0xFD, len(payload), 0, 0, 0)) + self._address + number.to_bytes(3, "little")
-        return Packed(head + payload + b"\0\0", _SEEDS[number])
+        header = bytes((0xFD, len(payload), 0, 0, 0)) + self._address + number.to_bytes(3, "little")
+        return Packed(header + payload + b"\0\0", _SEEDS[number])
 
     def decode(self, frame: bytes) -> Message | None:
-        """Decode one whole frame with a valid checksum; None if that fails."""
+        """Decode one complete frame with a valid checksum; return None if that fails."""
         try:
             return self._mav.decode(bytearray(frame))
         except mavlink.MAVError:
@@ -149,7 +148,7 @@ class Codec:
 
 
 class Frame(NamedTuple):
-    """One frame with a valid checksum."""
+    """Frame with a valid checksum."""
 
     number: int  # message id
     data: bytes
@@ -158,52 +157,53 @@ class Frame(NamedTuple):
 class Splitter:
     """Splits the received bytes of one peer into frames."""
 
-    __slots__ = ("_held", "_held_since_s", "_late_s", "rejected")
+    __slots__ = ("_buffer", "_buffered_since_s", "_late_s", "rejected")
 
     def __init__(self, byte_rate: float | None = None) -> None:
-        """Start empty; `byte_rate` is that of the line, in bytes a second."""
-        self._late_s = LATE_S if byte_rate is None else max(LATE_S, 2.0 * _LONGEST_FRAME / byte_rate)
-        self._held = b""
-        self._held_since_s = 0.0
+        """Start with an empty buffer; `byte_rate` is the rate of the line in bytes per second, None for a network."""
+        self._late_s = LATE_S if byte_rate is None else max(LATE_S, 2.0 * MAX_FRAME_BYTES / byte_rate)
+        self._buffer = b""  # the start of an incomplete frame
+        self._buffered_since_s = 0.0
         self.rejected = 0  # frames with a wrong checksum
 
     def feed(self, data: bytes, now_s: float) -> list[Frame]:
-        """Take bytes that arrived at now_s and return the frames they complete."""
-        open_since_s = self._held_since_s if self._held else now_s
-        whole = self._held + data
-        frames = list(self._scan(whole))
-        # Counted from its start: later bytes must not keep a false frame alive.
-        if not (self._held and len(self._held) == len(whole)):
-            self._held_since_s = now_s
-        elif now_s - open_since_s > STALE_S:
-            frames = self._doubt(now_s - open_since_s)
-            if self._held != whole:
-                self._held_since_s = now_s
+        """Add bytes received at `now_s`; return the frames that they complete."""
+        start_s = self._buffered_since_s if self._buffer else now_s
+        available = self._buffer + data
+        frames = list(self._scan(available))
+        # The age counts from the start of the incomplete frame, so that later bytes do not prolong a false frame.
+        if not (self._buffer and len(self._buffer) == len(available)):
+            self._buffered_since_s = now_s
+        elif now_s - start_s > STALE_S:
+            frames = self._drop_stale_start(now_s - start_s)
+            if self._buffer != available:
+                self._buffered_since_s = now_s
         else:
-            self._held_since_s = open_since_s
+            self._buffered_since_s = start_s
         return frames
 
-    def _doubt(self, age_s: float) -> list[Frame]:
-        """Drop the held start of a frame if it is false or too old; return the frames behind it."""
-        held = self._held
-        hidden = _first_frame(held)
-        if hidden is None and age_s <= self._late_s:
-            return []  # no frame behind it
-        return list(self._scan(held[1 if hidden is None else hidden :]))
+    def _drop_stale_start(self, age_s: float) -> list[Frame]:
+        """Drop the incomplete frame if a complete one follows or it is too old; return the frames after it."""
+        buffer = self._buffer
+        offset = _next_frame_offset(buffer)
+        if offset is None and age_s <= self._late_s:
+            return []
+        return list(self._scan(buffer[1 if offset is None else offset :]))
 
     def _scan(self, data: bytes) -> Iterator[Frame]:
+        """Yield the complete frames; store the incomplete frame at the end in the buffer."""
         position = 0
-        self._held = b""
+        self._buffer = b""
         while (marker := _MARKER.search(data, position)) is not None:
             start = marker.start()
-            size = _claimed_size(data, start)
-            if size == _WAIT:
-                self._held = data[start:]
+            size = _frame_size(data, start)
+            if size == _INCOMPLETE:
+                self._buffer = data[start:]
                 return
             position = start + 1
-            if size == _FALSE:
+            if size == _NO_FRAME:
                 continue
-            frame = _checked(data[start : start + size])
+            frame = _check(data[start : start + size])
             if frame is None:
                 self.rejected += 1
             else:
@@ -211,55 +211,55 @@ class Splitter:
                 yield frame
 
 
-def _first_frame(data: bytes) -> int | None:
-    """Return the offset of the first whole frame behind the first byte, past other markers."""
+def _next_frame_offset(data: bytes) -> int | None:
+    """Return the offset of the first complete frame after the first byte; None if there is none."""
     position = 1
     while (marker := _MARKER.search(data, position)) is not None:
         start = marker.start()
-        size = _claimed_size(data, start)
-        if size > 0 and _checked(data[start : start + size]) is not None:
+        size = _frame_size(data, start)
+        if size > 0 and _check(data[start : start + size]) is not None:
             return start
         position = start + 1
     return None
 
 
-def _claimed_size(data: bytes, start: int) -> int:
-    """Return the size of the whole frame that starts here, _WAIT or _FALSE."""
+def _frame_size(data: bytes, start: int) -> int:
+    """Return the size of the frame that starts at a marker, _INCOMPLETE or _NO_FRAME."""
     available = len(data) - start
     marker = data[start]
     flags = data[start + 2] if marker == _MAVLINK2 and available > 2 else 0
-    if flags & ~_SIGNED:
-        return _FALSE
-    header = _HEADER[marker]
-    if available < header:
-        return _WAIT
-    length = data[start + 1]
-    kind = mavlink.mavlink_map.get(_number(data, start))
-    # MAVLink 2 may carry extension fields newer than this dialect; MAVLink 1 has none.
-    if kind is None or (marker != _MAVLINK2 and length > kind.unpacker.size):
-        return _FALSE
-    size = header + length + 2 + (_SIGNATURE if flags else 0)
-    return size if available >= size else _WAIT
+    if flags & ~_SIGNED_FLAG:
+        return _NO_FRAME
+    header_bytes = _HEADER_BYTES[marker]
+    if available < header_bytes:
+        return _INCOMPLETE
+    payload_bytes = data[start + 1]
+    message_class = mavlink.mavlink_map.get(_message_number(data, start))
+    # A MAVLink 2 frame may have extension fields newer than this dialect; MAVLink 1 has none.
+    if message_class is None or (marker != _MAVLINK2 and payload_bytes > message_class.unpacker.size):
+        return _NO_FRAME
+    size = header_bytes + payload_bytes + 2 + (_SIGNATURE_BYTES if flags else 0)
+    return size if available >= size else _INCOMPLETE
 
 
-def _number(data: bytes, start: int) -> int:
+def _message_number(data: bytes, start: int) -> int:
     if data[start] == _MAVLINK2:
         return int.from_bytes(data[start + 7 : start + 10], "little")
     return data[start + 5]
 
 
-def _checked(frame: bytes) -> Frame | None:
-    tail = 2 + (_SIGNATURE if frame[0] == _MAVLINK2 and frame[2] & _SIGNED else 0)
-    number = _number(frame, 0)
-    seed = bytes((mavlink.mavlink_map[number].crc_extra,))
-    end = len(frame) - tail
-    if checksum(frame[1:end], seed) != int.from_bytes(frame[end : end + 2], "little"):
+def _check(frame: bytes) -> Frame | None:
+    """Return the frame with its message id; None if the checksum is wrong."""
+    signature_bytes = _SIGNATURE_BYTES if frame[0] == _MAVLINK2 and frame[2] & _SIGNED_FLAG else 0
+    number = _message_number(frame, 0)
+    end = len(frame) - 2 - signature_bytes
+    if checksum(frame[1:end], _SEEDS[number]) != int.from_bytes(frame[end : end + 2], "little"):
         return None
     return Frame(number, frame)
 
 
 def to_mavlink1(packed: Packed) -> Packed | None:
-    """Return a message as MAVLink 1, without extension fields; None for a message that MAVLink 1 lacks."""
+    """Convert a message to MAVLink 1, without extension fields; return None if MAVLink 1 lacks the message."""
     frame = packed.frame
     number = int.from_bytes(frame[7:10], "little")
     if number > _MAX_MAVLINK1_NUMBER:
@@ -270,26 +270,26 @@ def to_mavlink1(packed: Packed) -> Packed | None:
 
 
 class VersionDetector:
-    """Detects a peer that understands MAVLink 1 only: it continues to send MAVLink 1 after frames of the boat."""
+    """Detection of a peer that supports MAVLink 1 only: it still sends MAVLink 1 after it received MAVLink 2."""
 
-    __slots__ = ("_frames", "_since_s", "version1_only")
+    __slots__ = ("_first_s", "_frame_count", "is_mavlink1_only")
 
     def __init__(self) -> None:
         """Start with MAVLink 2."""
-        self.version1_only = False
-        self._frames = 0
-        self._since_s: float | None = None
+        self.is_mavlink1_only = False
+        self._frame_count = 0  # MAVLink 1 frames since the latest MAVLink 2 frame
+        self._first_s: float | None = None  # time of the first of them
 
     def update(self, frames: Iterable[Frame], now_s: float) -> None:
-        """Take received frames, after something was sent to the peer."""
+        """Evaluate received frames; the caller has sent MAVLink 2 frames to the peer before."""
         for frame in frames:
             if frame.number == _RADIO_STATUS:
                 continue
             if frame.data[0] == _MAVLINK2:
-                self.version1_only, self._frames, self._since_s = False, 0, None
+                self.is_mavlink1_only, self._frame_count, self._first_s = False, 0, None
                 continue
-            if self._since_s is None:
-                self._since_s = now_s
-            self._frames += 1
-            if self._frames >= _VERSION1_FRAMES and now_s - self._since_s >= _VERSION1_S:
-                self.version1_only = True
+            if self._first_s is None:
+                self._first_s = now_s
+            self._frame_count += 1
+            if self._frame_count >= _MIN_MAVLINK1_FRAMES and now_s - self._first_s >= _MIN_MAVLINK1_S:
+                self.is_mavlink1_only = True

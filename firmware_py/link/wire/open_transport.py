@@ -1,4 +1,4 @@
-"""Opens the transport of a URL: a serial line, or a socket, at once or as soon as that is possible."""
+"""Opening of the transport of a URL: a serial line, a satellite modem or a socket; a socket is retried if necessary."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import msgspec
 from firmware_py.common.interfaces import ByteLine, Vault
 from firmware_py.common.records import Event
 from firmware_py.link.signing import NO_VAULT
-from firmware_py.link.wire.transport import RADIO_BAUD, Address, Transport
+from firmware_py.link.wire.transport import MAX_RADIO_BAUD, Address, Transport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
-from firmware_py.link.wire.transport_udp import OF_MANY_ANYWHERE, UdpTransport
+from firmware_py.link.wire.transport_udp import GROUP_ADDRESSES, UdpTransport
 from firmware_py.link.wire.urls import PLAIN, LinkError, LinkOptions, LinkUrl, parse_url
 
-_SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
+_TRANSPORTS: dict[str, Callable[[LinkUrl], Transport]] = {
     "udpout": UdpTransport,
     "udpin": UdpTransport,
     "tcpin": TcpServer,
@@ -24,38 +24,38 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 }
 
 
-NMEA = "nmea:"  # prefix of the URL of an NMEA 0183 output: see link.nmea
+NMEA_PREFIX = "nmea:"  # of the URL of an NMEA 0183 output: see link.nmea
 
 RETRY_S = 5.0
-FIRST_TRY_S = 1.0  # maximum wait for the first attempt
+MAX_FIRST_WAIT_S = 1.0  # of the caller, for the first attempt
 
 _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
-_FAR_END: Address = "line"
+_PEER: Address = "line"
 
 
 class SatelliteSupport(msgspec.Struct, frozen=True):
-    """Further needs of a satellite link: storage of its record, the clock, and a function that reports events."""
+    """Services for a satellite link: storage of its record, the clock, and a function that reports events."""
 
     vault: Vault = NO_VAULT
     utc_s: Callable[[], float] = lambda: 0.0
     report: Callable[[Event], None] = lambda _event: None
 
 
-_ALONE = SatelliteSupport()
+_NO_SUPPORT = SatelliteSupport()
 
 
 def open_transport(
     url: str,
     open_line: Callable[[str, int], ByteLine],
-    support: SatelliteSupport = _ALONE,
+    support: SatelliteSupport = _NO_SUPPORT,
     *,
-    say: Callable[[str], None] | None = None,
+    report_retry: Callable[[str], None] | None = None,
     receives: bool = True,
 ) -> Transport:
-    """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
+    """Open the transport of a URL; raise LinkError if that fails.
 
-    With `say` a socket that cannot be opened now is opened later, and that is reported. `receives` False allows
-    broadcast targets.
+    `open_line` opens a serial line from its path and baud rate. With `report_retry`, a socket that cannot be opened is
+    retried in the background, and the function receives the reason. `receives` False allows broadcast targets.
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
@@ -65,55 +65,55 @@ def open_transport(
         return SbdTransport(parsed, line, support.vault, support.utc_s, support.report)
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
-    open_now: Callable[[], Transport] = partial(_SOCKETS[parsed.kind], parsed)
+    open_now: Callable[[], Transport] = partial(_TRANSPORTS[parsed.kind], parsed)
     if parsed.kind == "udpout":
-        if receives and parsed.host in OF_MANY_ANYWHERE:
-            open_now()  # raises: waiting does not help
+        if receives and parsed.host in GROUP_ADDRESSES:
+            open_now()  # raises LinkError: a retry would not help
         open_now = partial(UdpTransport, parsed, receives=receives)
-    if say is None:
+    if report_retry is None:
         return open_now()
-    late = LateTransport(parsed, open_now)
-    if late.opened is None:
-        say(f"{late.problem}; it is tried again")
-    return late.opened or late
+    retried = RetriedTransport(parsed, open_now)
+    if retried.opened is None:
+        report_retry(f"{retried.problem}; it is tried again")
+    return retried.opened or retried
 
 
-class LateTransport:
-    """A transport without peers until it is `opened`; then it delegates to the opened one.
+class RetriedTransport:
+    """Transport that is opened in the background. It has no peers until then, and delegates to `opened` afterwards.
 
-    A thread tries to open it, since a name server may block for long.
+    A thread opens it, since a name server may block for long.
     """
 
     byte_rate: float | None = None
 
     def __init__(self, url: LinkUrl, open_now: Callable[[], Transport], retry_s: float = RETRY_S) -> None:
-        """Start to try `open_now`, which raises LinkError on failure."""
+        """Start the thread that calls `open_now` every `retry_s` until it does not raise LinkError."""
         self.name = url.text
         self.options = url.options
-        self.radio = url.options.at_radio_rates(usual=False)
-        self.datagrams = url.kind.startswith("udp")
-        self.exposed = url.kind.endswith("in") and not url.host.startswith(("127.", "localhost"))
+        self.has_radio_rates = url.options.uses_radio_rates(default=False)
+        self.is_datagram = url.kind.startswith("udp")
+        self.is_exposed = url.kind.endswith("in") and not url.host.startswith(("127.", "localhost"))
         self.opened: Transport | None = None
         self.problem = f"link {url.text!r}: host {url.host!r} is not resolved yet"
         self._open_now, self._retry_s = open_now, retry_s
-        self._tried, self._ended = threading.Event(), threading.Event()
-        threading.Thread(target=self._try, name="link", daemon=True).start()
-        self._tried.wait(FIRST_TRY_S)
+        self._first_attempt_done, self._is_closed = threading.Event(), threading.Event()
+        threading.Thread(target=self._open_with_retries, name="link", daemon=True).start()
+        self._first_attempt_done.wait(MAX_FIRST_WAIT_S)
 
-    def _try(self) -> None:
-        while self.opened is None and not self._ended.is_set():
+    def _open_with_retries(self) -> None:
+        while self.opened is None and not self._is_closed.is_set():
             try:
                 self.opened = self._open_now()
             except LinkError as error:
                 self.problem = str(error)
-            self._tried.set()
+            self._first_attempt_done.set()
             if self.opened is None:
-                self._ended.wait(self._retry_s)
-        if self._ended.is_set():
+                self._is_closed.wait(self._retry_s)
+        if self._is_closed.is_set():
             self.close()
 
     def descriptors(self) -> Sequence[int]:
-        """Return the descriptors to be read."""
+        """Return the descriptors of the opened transport."""
         return () if self.opened is None else self.opened.descriptors()
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
@@ -121,12 +121,12 @@ class LateTransport:
         return () if self.opened is None else self.opened.receive(descriptor)
 
     def send(self, address: Address, data: bytes) -> bool:
-        """Take all of data, or none of it."""
+        """Send or buffer all of `data`, or return False and send none of it."""
         return self.opened is not None and self.opened.send(address, data)
 
     @property
     def blocked_reason(self) -> str:
-        """Why sending is blocked."""
+        """Reason why opening or sending fails."""
         return self.problem if self.opened is None else self.opened.blocked_reason
 
     def addresses(self) -> Sequence[Address]:
@@ -138,76 +138,76 @@ class LateTransport:
         return () if self.opened is None else self.opened.connections()
 
     def host(self, address: Address) -> Address:
-        """Return the computer of a peer."""
+        """Return an identifier of the computer of a peer."""
         return address if self.opened is None else self.opened.host(address)
 
     def drop(self, address: Address) -> None:
-        """Close a connection."""
+        """Close the connection of a peer."""
         if self.opened is not None:
             self.opened.drop(address)
 
     def poll(self, now_s: float) -> None:
-        """Do periodic work."""
+        """Do the periodic work of the opened transport."""
         if self.opened is not None:
             self.opened.poll(now_s)
 
     def close(self) -> None:
-        """End the attempts, and close the opened transport."""
-        self._ended.set()
+        """Stop the attempts, and close the opened transport."""
+        self._is_closed.set()
         if self.opened is not None:
             self.opened.close()
 
 
 class SerialTransport:
-    """One serial line with one peer at its far end; the line may vanish and return."""
+    """Serial line with one peer. The device may be unplugged and plugged in again."""
 
-    datagrams = False
-    exposed = False
+    is_datagram = False
+    is_exposed = False
 
     def __init__(self, name: str, line: ByteLine, baud: int, options: LinkOptions = PLAIN) -> None:
-        """Take an opened line and its speed."""
+        """Store an opened line; `baud` gives its byte rate."""
         self.name = name
         self.options = options
         self.byte_rate: float | None = baud / _BITS_PER_BYTE
-        self.radio = options.at_radio_rates(usual=baud <= RADIO_BAUD)
+        self.has_radio_rates = options.uses_radio_rates(default=baud <= MAX_RADIO_BAUD)
         self._line = line
 
     def descriptors(self) -> Sequence[int]:
-        """Return the line's descriptor while it is open."""
+        """Return the descriptor of the line while it is open."""
         descriptor = self._line.fileno()
         return () if descriptor < 0 else (descriptor,)
 
-    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
-        """Read at most the 4096 bytes of a ByteLine."""
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - there is only one
+        """Read at most 4096 bytes, the limit of ByteLine."""
         data = self._line.read()
-        return ((_FAR_END, data),) if data else ()
+        return ((_PEER, data),) if data else ()
 
-    def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
-        """Hand data to the line, all or nothing."""
+    def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - there is only one
+        """Write all of `data` to the line, or return False."""
         return self._line.write(data)
 
     @property
     def blocked_reason(self) -> str:
-        """Why sending is blocked: the line has vanished."""
+        """Reason why sending is blocked: the device is missing."""
         return "" if self._line.fileno() >= 0 else "the line is not there"
 
     def addresses(self) -> Sequence[Address]:
-        """Return the far end, whether it is connected or not."""
-        return (_FAR_END,)
+        """Return the one peer, whether it is connected or not."""
+        return (_PEER,)
 
     def connections(self) -> Sequence[Address]:
         """Return no peers: a line has no incoming connections."""
         return ()
 
     def host(self, address: Address) -> Address:
-        """Return the far end itself."""
+        """Return the address itself."""
         return address
 
     def drop(self, address: Address) -> None:
-        """Do nothing: the far end is permanent."""
+        """Do nothing: the peer is permanent."""
 
     def poll(self, now_s: float) -> None:
-        """Do nothing: the line opens itself again."""
+        """Do nothing: ByteLine reopens the device."""
 
     def close(self) -> None:
-        """Do nothing: the opener closes the line."""
+        """Do nothing: the caller closes the line."""

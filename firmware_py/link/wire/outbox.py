@@ -1,4 +1,4 @@
-"""Messages queued for one peer: by priority, within the rate of the line and of the modem behind it; bounded."""
+"""Bounded queues of messages to one peer, sent by priority and at most at the rate of the line and of its modem."""
 
 from __future__ import annotations
 
@@ -9,28 +9,30 @@ from enum import IntEnum
 from typing import Protocol
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.wire.frames import MAVLINK1, Packed, stamp, to_mavlink1
+from firmware_py.link.wire.frames import MAVLINK1, MAX_FRAME_BYTES, Packed, stamp, to_mavlink1
 
-_BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
-_BURST_S = 0.25  # of the line's rate that an idle line may save up
-_LONGEST_FRAME = 280  # with its signature
-_OFFERED = 10  # every so many heartbeats in MAVLink 1 one is sent in MAVLink 2, too, for a peer that has changed
-_HEARTBEAT = bytes(3)  # its number
-_STALE_S = 3.0  # queued messages are dropped when a line has been blocked for longer
+_MAX_BATCH_BYTES = 1200  # of the frames in one datagram: one system call and no IP fragments
+_MAX_BURST_S = 0.25  # sending time at the rate of the line that an idle line may accumulate
+# A peer that changed to MAVLink 2 is detected by its reply to these heartbeats.
+_HEARTBEATS_PER_MAVLINK2_HEARTBEAT = 10
+_HEARTBEAT_NUMBER = bytes(3)
+_MAX_BLOCKED_S = 3.0  # queued messages are dropped when a line has been blocked for longer
 
-_BULK_SHARE = 0.7  # of a line, for long transfers: the rest is for telemetry and replies
-_FRAMES_AT_ONCE = 44  # on a network, in one call of the loop: four datagrams, about 0.4 ms
-_WAITING = 64  # replies, half of the capacity of their queue
+_BULK_SHARE = 0.7  # of the rate of a line, for long transfers; the rest is for telemetry and replies
+_MAX_NETWORK_FRAMES = 44  # in one call of the loop: four datagrams, about 0.4 ms
+_MAX_QUEUED_REPLIES = 64  # with which a long transfer continues: half of the capacity of their queue
 
-_LOW, _FILLING, _EMPTY = 20, 50, 90  # percent of the modem's buffer that is free, as ArduPilot judges it
-_PACE_HALF, _PACE_LESS, _PACE_MORE = 0.5, 0.8, 1.15  # of the speed, at each word of the modem: about one a second
-_ALL = 100
-_SILENT_S = 10.0  # without RADIO_STATUS the line is taken for one without a modem
-_MIN_BYTES_S = 120.0  # for heartbeats and replies, whatever a real or forged RADIO_STATUS says
+# Free share of the buffer of the modem in percent, as in ArduPilot, and the factors of the rate at each RADIO_STATUS,
+# which a modem sends about once per second.
+_LOW_PERCENT, _REDUCED_PERCENT, _HIGH_PERCENT = 20, 50, 90
+_LOW_FACTOR, _REDUCED_FACTOR, _HIGH_FACTOR = 0.5, 0.8, 1.15
+_MAX_PERCENT = 100
+_MODEM_TIMEOUT_S = 10.0  # after this time without RADIO_STATUS the full rate applies
+_MIN_BYTE_RATE = 120.0  # bytes per second for heartbeats and replies, even if a forged RADIO_STATUS reports less
 
 
 class Priority(IntEnum):
-    """Order of sending on a line that is too slow for all messages."""
+    """Order of sending."""
 
     URGENT = 0  # heartbeats and acknowledgements
     REPLY = 1  # replies to requests, texts to the operator
@@ -45,79 +47,79 @@ class Sealer(Protocol):
         """Bytes that a signature adds to a frame; 0 without a key."""
 
     def seal(self, packed: Packed, sequence: int) -> bytes:
-        """Return the frame with this sequence number, signed."""
+        """Return the signed frame with this sequence number."""
 
 
-class Unsealed:
-    """Signs nothing."""
+class UnsignedSealer:
+    """Sealer without a key: frames are not signed."""
 
     overhead_bytes = 0
     seal = staticmethod(stamp)
 
 
-_UNSEALED = Unsealed()
+_UNSIGNED = UnsignedSealer()
 
-_DEPTHS = {Priority.URGENT: 64, Priority.REPLY: 128, Priority.TELEMETRY: 64}
+_MAX_QUEUED = {Priority.URGENT: 64, Priority.REPLY: 128, Priority.TELEMETRY: 64}
 
 
 class Outbox:
-    """Queues of packed messages and the sequence counter that stamps them.
+    """Queues of packed messages to one peer, and its sequence counter.
 
-    A frame gets its sequence number when it leaves, so that a dropped message does not look like loss on the link.
-    `dropped` counts messages that found a queue full or exceeded the credit.
+    A frame receives its sequence number when it is sent, so that a dropped message does not look like loss on the link.
+    `dropped` counts messages that exceeded a queue or the credit and messages dropped from a queue.
 
-    `credit_bytes` limits what is sent to an unproven peer; None: no limit. `mavlink1_only`: messages are sent in
-    MAVLink 1, without those that it lacks.
+    `credit_bytes` limits the data to an unverified peer; None: no limit. `is_mavlink1_only`: messages are sent in
+    MAVLink 1, and messages that MAVLink 1 lacks are not sent.
     """
 
     __slots__ = (
         "_blocked_since_s",
         "_byte_rate",
         "_bytes",
-        "_heartbeats",
+        "_mavlink1_heartbeats",
         "_queues",
         "_sealer",
         "_send",
         "_sequence",
         "credit_bytes",
         "dropped",
-        "mavlink1_only",
+        "is_mavlink1_only",
         "sent_bytes",
     )
 
-    def __init__(self, send: Callable[[bytes], bool], byte_rate: float | None, sealer: Sealer = _UNSEALED) -> None:
-        """Take the function that sends and, for a line, its rate in bytes a second."""
+    def __init__(self, send: Callable[[bytes], bool], byte_rate: float | None, sealer: Sealer = _UNSIGNED) -> None:
+        """Store the function that sends data; `byte_rate` is in bytes per second, None for a network."""
         self._send = send
         self._sealer = sealer
         self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None  # None for a network
         if byte_rate is not None:
-            self._bytes = TokenBucket(max(byte_rate * _BURST_S, _LONGEST_FRAME), byte_rate)
+            self._bytes = TokenBucket(max(byte_rate * _MAX_BURST_S, MAX_FRAME_BYTES), byte_rate)
         self._queues: tuple[deque[Packed], ...] = tuple(deque() for _ in Priority)
         self._sequence = 0
         self._blocked_since_s: float | None = None
         self.credit_bytes: int | None = None
         self.dropped = 0
         self.sent_bytes = 0
-        self.mavlink1_only = False
-        self._heartbeats = 0  # in MAVLink 1
+        self.is_mavlink1_only = False
+        self._mavlink1_heartbeats = 0
 
-    def pace(self, share: float, now_s: float) -> None:
-        """Set the share of the line's rate."""
+    def set_rate_share(self, share: float, now_s: float) -> None:
+        """Limit sending to a share (0 to 1) of the rate of the line."""
         if self._bytes is not None and self._byte_rate is not None:
             self._bytes.pace(share * self._byte_rate, now_s)
 
     def push(self, packed: Packed, priority: Priority) -> None:
-        """Queue a message, or drop and count it."""
-        if self.mavlink1_only and packed.seed:
+        """Queue a message; drop and count it if the queue is full or the credit is spent."""
+        if self.is_mavlink1_only and packed.seed:
             self._push_mavlink1(packed, priority)
         else:
             self._push(packed, priority)
 
     def _push_mavlink1(self, packed: Packed, priority: Priority) -> None:
-        if packed.frame[7:10] == _HEARTBEAT:
-            self._heartbeats += 1
-            if self._heartbeats % _OFFERED == 0:
+        if packed.frame[7:10] == _HEARTBEAT_NUMBER:
+            self._mavlink1_heartbeats += 1
+            if self._mavlink1_heartbeats % _HEARTBEATS_PER_MAVLINK2_HEARTBEAT == 0:
                 self._push(packed, priority)
         converted = to_mavlink1(packed)
         if converted is not None:
@@ -125,7 +127,7 @@ class Outbox:
 
     def _push(self, packed: Packed, priority: Priority) -> None:
         queue = self._queues[priority]
-        if len(queue) >= _DEPTHS[priority] or not self._spend_credit(packed):
+        if len(queue) >= _MAX_QUEUED[priority] or not self._spend_credit(packed):
             self.dropped += 1
         else:
             queue.append(packed)
@@ -139,31 +141,31 @@ class Outbox:
         self.credit_bytes -= size
         return True
 
-    def affordable(self, frame_bytes: int) -> float:
-        """Return the number of frames of a size within the credit."""
+    def frames_in_credit(self, frame_bytes: int) -> float:
+        """Return the number of frames of a size within the credit; infinity without a limit."""
         return math.inf if self.credit_bytes is None else self.credit_bytes // frame_bytes
 
-    def waiting(self, priority: Priority) -> int:
+    def queued_count(self, priority: Priority) -> int:
         """Return the number of queued messages of this and higher priorities."""
         return sum(map(len, self._queues[: priority + 1]))
 
     def size_of(self, packed: Packed) -> int:
-        """Return the bytes of a message on the line."""
+        """Return the size of a message in bytes, with its signature."""
         return len(packed.frame) + self._sealer.overhead_bytes
 
-    def room_bytes(self, now_s: float) -> float:
-        """Return the room for telemetry on the line, after the queued messages."""
+    def available_bytes(self, now_s: float) -> float:
+        """Return the bytes that may be queued in addition and sent at once; 0 for an unverified peer."""
         if self.credit_bytes is not None:
             return 0.0
         if self._bytes is None:
-            return float(_BATCH_BYTES * 4)
+            return float(_MAX_BATCH_BYTES * 4)
         level_bytes = self._bytes.level(now_s)
         return level_bytes - sum(self.size_of(packed) for queue in self._queues for packed in queue)
 
     def flush(self, now_s: float) -> None:
-        """Send as much as the line takes now; telemetry that does not fit is dropped, since newer will follow."""
-        while any(self._queues) and (batch := self._batch(now_s)):
-            data, sequence = self._stamped(batch)
+        """Send as much as the rate of the line allows; drop the remaining telemetry, since newer follows."""
+        while any(self._queues) and (batch := self._next_batch(now_s)):
+            data, sequence = self._stamp_batch(batch)
             if not self._send(data):
                 self._drop_when_blocked(now_s)
                 break
@@ -172,27 +174,27 @@ class Outbox:
             self.sent_bytes += len(data)
             if self._bytes is not None:
                 self._bytes.spend(len(data))
-            self._forget(len(batch))
+            self._remove_sent(len(batch))
         self._drop(self._queues[Priority.TELEMETRY])
 
-    def _stamped(self, batch: Sequence[Packed]) -> tuple[bytes, int]:
-        """Return the stamped or signed frames, and the next sequence number; routed frames stay as they are."""
-        signs = self._sealer.overhead_bytes > 0
+    def _stamp_batch(self, batch: Sequence[Packed]) -> tuple[bytes, int]:
+        """Return the stamped or signed frames, and the next sequence number; routed frames are not changed."""
+        has_key = self._sealer.overhead_bytes > 0
         frames, sequence = [], self._sequence
         for packed in batch:
             if not packed.seed:
                 frames.append(packed.frame)
                 continue
-            first = packed.frame[0] == MAVLINK1  # without signatures
-            frames.append(self._sealer.seal(packed, sequence) if signs and not first else stamp(packed, sequence))
+            signs = has_key and packed.frame[0] != MAVLINK1  # MAVLink 1 has no signatures
+            frames.append(self._sealer.seal(packed, sequence) if signs else stamp(packed, sequence))
             sequence = (sequence + 1) & 0xFF
         return b"".join(frames), sequence
 
     def _drop_when_blocked(self, now_s: float) -> None:
-        """Drop all messages after a line has been blocked for long: old acknowledgements would mislead."""
+        """Drop all messages when the line has been blocked for long: old acknowledgements would mislead."""
         if self._blocked_since_s is None:
             self._blocked_since_s = now_s
-        elif now_s - self._blocked_since_s > _STALE_S:
+        elif now_s - self._blocked_since_s > _MAX_BLOCKED_S:
             for queue in self._queues:
                 self._drop(queue)
 
@@ -200,19 +202,20 @@ class Outbox:
         self.dropped += len(queue)
         queue.clear()
 
-    def _batch(self, now_s: float) -> list[Packed]:
-        allowed = _BATCH_BYTES if self._bytes is None else min(_BATCH_BYTES, self._bytes.level(now_s))
+    def _next_batch(self, now_s: float) -> list[Packed]:
+        """Return the first messages in order of priority that fit into one datagram and the rate of the line."""
+        remaining_bytes = _MAX_BATCH_BYTES if self._bytes is None else min(_MAX_BATCH_BYTES, self._bytes.level(now_s))
         batch: list[Packed] = []
         overhead = self._sealer.overhead_bytes
         for queue in self._queues:
             for packed in queue:
-                allowed -= len(packed.frame) + overhead
-                if allowed < 0:
+                remaining_bytes -= len(packed.frame) + overhead
+                if remaining_bytes < 0:
                     return batch
                 batch.append(packed)
         return batch
 
-    def _forget(self, count: int) -> None:
+    def _remove_sent(self, count: int) -> None:
         for queue in self._queues:
             while count and queue:
                 queue.popleft()
@@ -220,36 +223,36 @@ class Outbox:
 
 
 class BulkShare:
-    """The part of a line for long transfers to a peer."""
+    """Share of the rate of a line for long transfers to a peer."""
 
     __slots__ = ("_byte_rate", "_bytes", "can_continue")
 
     def __init__(self, byte_rate: float | None) -> None:
-        """Take the rate of the line in bytes a second; None for a network."""
+        """Store the rate of the line in bytes per second; None for a network."""
         self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None
         if byte_rate is not None:
             rate = _BULK_SHARE * byte_rate
-            burst = max(rate * _BURST_S, float(_LONGEST_FRAME))
-            self._bytes = TokenBucket(burst, rate, is_full=False, max_elapsed_s=_BURST_S * 4)
-        self.can_continue = False  # another call of the loop could send more at once
+            burst = max(rate * _MAX_BURST_S, float(MAX_FRAME_BYTES))
+            self._bytes = TokenBucket(burst, rate, is_full=False, max_elapsed_s=_MAX_BURST_S * 4)
+        self.can_continue = False  # whether the loop may send more before the next tick
 
-    def pace(self, share: float, now_s: float) -> None:
-        """Set the share of the line's rate."""
+    def set_rate_share(self, share: float, now_s: float) -> None:
+        """Limit sending to a share (0 to 1) of the rate of the line."""
         if self._bytes is not None and self._byte_rate is not None:
             self._bytes.pace(_BULK_SHARE * share * self._byte_rate, now_s)
 
     def mark_unfinished(self) -> None:
-        """Note that a transfer has more to send: on a line at the next tick, on a network at once."""
+        """Register that a transfer has more data: a line continues at the next tick, a network at once."""
         self.can_continue = self._bytes is None
 
-    def frames(self, frame_bytes: int, waiting: int, now_s: float) -> int:
-        """Return the number of frames of a size that may be queued now, with `waiting` replies in the queue."""
-        if waiting >= _WAITING:
+    def max_frames(self, frame_bytes: int, queued_replies: int, now_s: float) -> int:
+        """Return the number of frames of a size that may be queued now."""
+        if queued_replies >= _MAX_QUEUED_REPLIES:
             return 0
         if self._bytes is None:
-            return _FRAMES_AT_ONCE if waiting == 0 else 0
-        return min(int(self._bytes.level(now_s) // frame_bytes), _WAITING - waiting)
+            return _MAX_NETWORK_FRAMES if queued_replies == 0 else 0
+        return min(int(self._bytes.level(now_s) // frame_bytes), _MAX_QUEUED_REPLIES - queued_replies)
 
     def spend(self, spent_bytes: int) -> None:
         """Count queued bytes."""
@@ -257,33 +260,33 @@ class BulkShare:
             self._bytes.spend(spent_bytes)
 
 
-class RadioPace:
-    """The share of a line's rate that the radio modem behind it accepts, by RADIO_STATUS."""
+class RadioRate:
+    """Share of the rate of a line that its radio modem accepts, from RADIO_STATUS."""
 
-    __slots__ = ("_heard_s", "_min_share", "share")
+    __slots__ = ("_min_share", "_status_s", "share")
 
     def __init__(self, byte_rate: float | None) -> None:
-        """Take the rate of the line in bytes a second; None for a network, which has no modem."""
-        self._min_share = 1.0 if byte_rate is None else min(1.0, _MIN_BYTES_S / byte_rate)
+        """Store the rate of the line in bytes per second; None for a network, which has no modem."""
+        self._min_share = 1.0 if byte_rate is None else min(1.0, _MIN_BYTE_RATE / byte_rate)
         self.share = 1.0
-        self._heard_s = 0.0
+        self._status_s = 0.0  # time of the latest RADIO_STATUS
 
     def update(self, free_percent: int, now_s: float) -> None:
-        """Take the free part of the modem's buffer; a value out of range is ignored."""
-        if not 0 <= free_percent <= _ALL:
+        """Adapt the share to the free part of the buffer of the modem; ignore a value out of range."""
+        if not 0 <= free_percent <= _MAX_PERCENT:
             return
-        self._heard_s = now_s
-        if free_percent < _LOW:
-            self.share *= _PACE_HALF
-        elif free_percent < _FILLING:
-            self.share *= _PACE_LESS
-        elif free_percent > _EMPTY:
-            self.share *= _PACE_MORE
+        self._status_s = now_s
+        if free_percent < _LOW_PERCENT:
+            self.share *= _LOW_FACTOR
+        elif free_percent < _REDUCED_PERCENT:
+            self.share *= _REDUCED_FACTOR
+        elif free_percent > _HIGH_PERCENT:
+            self.share *= _HIGH_FACTOR
         self.share = min(max(self.share, self._min_share), 1.0)
 
-    def forget(self, now_s: float) -> bool:
-        """Return to the full rate if the modem reports no more; return whether that is a change."""
-        if self.share == 1.0 or now_s - self._heard_s <= _SILENT_S:
+    def reset_after_silence(self, now_s: float) -> bool:
+        """Return to the full rate if RADIO_STATUS is missing; return whether the share changed."""
+        if self.share == 1.0 or now_s - self._status_s <= _MODEM_TIMEOUT_S:
             return False
         self.share = 1.0
         return True

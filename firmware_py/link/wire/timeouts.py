@@ -6,21 +6,22 @@ from collections.abc import Mapping
 
 import msgspec
 
-from firmware_py.link.wire.transport import Transport, usual_class
+from firmware_py.link.wire.transport import Transport, link_class_of
 from firmware_py.link.wire.urls import LinkClass
 
-_RADIO_BYTES_S = 100.0  # a slower line is a satellite's: 1200 baud is a radio's
-_NEW = 0.3  # weight of the latest answer in the average
-_DEVIATIONS, _LATER = 4.0, 1.25  # wait of average + 4 deviations, at least 1.25 averages; as TCP, RFC 6298
-_ALIKE = 0.5  # relative difference of two equal answer times
-_PATIENCE = 10.0  # average round trips of silence before the end
+_MIN_RADIO_BYTE_RATE = 100.0  # bytes per second; a radio has at least 1200 baud, a slower line is a satellite link
+_AVERAGE_WEIGHT = 0.3  # of the latest response time
+# The wait is the average plus 4 mean deviations (as in TCP, RFC 6298), and at least 1.25 averages.
+_WAIT_DEVIATIONS, _MIN_WAIT_AVERAGES = 4.0, 1.25
+_MAX_RELATIVE_DIFFERENCE = 0.5  # of two response times that count as equal
+_GIVE_UP_AVERAGES = 10.0  # response times of silence before the exchange ends
 
 
 class Timeouts(msgspec.Struct, frozen=True):
-    """A request is repeated after `shortest_s` to `longest_s`, by the measured answer times.
+    """Limits of the wait before a request is repeated, and of the silence of a station.
 
-    After `yield_s` of silence another station may take over; `give_up_s` of silence ends the exchange. Both grow with
-    the answer times of a slow line.
+    `first_s` is the wait before the first measured response. After `yield_s` of silence another station may start an
+    exchange; after `give_up_s` of silence the exchange ends. Both grow with the response times of a slow line.
     """
 
     shortest_s: float
@@ -32,9 +33,8 @@ class Timeouts(msgspec.Struct, frozen=True):
 
 FAST = Timeouts(0.15, 0.5, 1.5, 5.0, 15.0)
 RADIO = Timeouts(0.7, 1.5, 5.0, 15.0, 60.0)
-# An answer by satellite may take two minutes.
-SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)
-_OF_CLASS: Mapping[LinkClass, Timeouts] = {
+SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)  # a response may take two minutes
+_TIMEOUTS_OF_CLASS: Mapping[LinkClass, Timeouts] = {
     LinkClass.FAST: FAST,
     LinkClass.RADIO: RADIO,
     LinkClass.SATELLITE: SATELLITE,
@@ -43,106 +43,106 @@ _OF_CLASS: Mapping[LinkClass, Timeouts] = {
 
 
 def timeouts_of(transport: Transport) -> Timeouts:
-    """Return the timeouts of a transport by its class; a line that is slower than any radio counts as a satellite."""
-    slow = transport.byte_rate is not None and transport.byte_rate < _RADIO_BYTES_S
-    return SATELLITE if slow else _OF_CLASS[usual_class(transport)]
+    """Return the timeouts of the link class of a transport; a line slower than any radio counts as a satellite link."""
+    is_slow = transport.byte_rate is not None and transport.byte_rate < _MIN_RADIO_BYTE_RATE
+    return SATELLITE if is_slow else _TIMEOUTS_OF_CLASS[link_class_of(transport)]
 
 
 class RetryTimer:
-    """Schedules the repetition of a request: estimates the answer time, and waits longer after each repetition.
+    """Timer of the repetition of a request. It estimates the response time and waits longer after each repetition.
 
-    The wait is the average answer time plus four mean deviations, as in TCP: a loss on an even line costs little more
-    than a round trip, and a late answer on an uneven line causes no needless repetition.
+    The wait is the average response time plus four mean deviations, as in TCP. With constant response times a loss
+    costs little more than a round trip; with variable ones a late response causes no unnecessary repetition.
 
-    After a repetition it is not known to which request an answer belongs. If a second answer takes as long from the
-    second request as the first answer from the first, the repetition was needless, and that time is learned. A second
-    answer after another time was sent by the station on its own.
+    After a repetition it is unknown to which request a response belongs. If a second response follows the second
+    request after the same time as the first response followed the first request, the repetition was unnecessary, and
+    the estimate includes that time. If the times differ, the station sent the second response by itself.
     """
 
     __slots__ = (
-        "_again_s",
-        "_asked_s",
+        "_average_s",
         "_deviation_s",
-        "_in_doubt",
-        "_started_s",
-        "_suspected_s",
+        "_first_sent_s",
+        "_repeated_exchange",
+        "_repetitions",
+        "_second_response_s",
+        "_second_sent_s",
+        "_sent_s",
         "_timeouts",
-        "_tries",
-        "_typical_s",
         "_wait_s",
     )
 
     def __init__(self, timeouts: Timeouts) -> None:
         """Start without a request."""
         self._timeouts = timeouts
-        self._typical_s: float | None = None
+        self._average_s: float | None = None
         self._deviation_s = 0.0
-        # Of the latest repeated request: answer time since its first sending, and time of the second sending.
-        self._in_doubt: tuple[float, float] | None = None
-        self._started_s = self._asked_s = 0.0
-        self._suspected_s: float | None = None  # answer time by a second answer
-        self._again_s = 0.0  # second sending of the present request
+        # Of the latest repeated request: time from its first sending to the response, and time of its second sending.
+        self._repeated_exchange: tuple[float, float] | None = None
+        self._first_sent_s = self._sent_s = 0.0
+        self._second_response_s: float | None = None  # response time that the latest second response indicates
+        self._second_sent_s = 0.0
         self._wait_s = timeouts.first_s
-        self._tries = 0
+        self._repetitions = 0
 
-    def begin(self, now_s: float) -> None:
-        """Note that a new request was sent; the wait is unchanged before the first measurement."""
-        self._started_s = self._asked_s = now_s
-        self._tries = 0
-        if self._typical_s is not None:
-            self._wait_s = self._usual_wait_s(self._typical_s)
+    def start_request(self, now_s: float) -> None:
+        """Register a new request. The wait remains unchanged until the first measured response."""
+        self._first_sent_s = self._sent_s = now_s
+        self._repetitions = 0
+        if self._average_s is not None:
+            self._wait_s = self._compute_wait_s(self._average_s)
 
-    def repeat(self, now_s: float) -> None:
-        """Note that the request was repeated."""
-        self._asked_s, self._tries = now_s, self._tries + 1
-        if self._tries == 1:
-            self._again_s = now_s
+    def add_repetition(self, now_s: float) -> None:
+        """Register a repetition of the request, and extend the wait."""
+        self._sent_s, self._repetitions = now_s, self._repetitions + 1
+        if self._repetitions == 1:
+            self._second_sent_s = now_s
         self._wait_s = min(1.5 * self._wait_s, max(self._timeouts.longest_s, self._wait_s))
 
-    def learn(self, now_s: float) -> None:
-        """Learn from an answer; that to a repeated request is ambiguous."""
-        took_s = max(0.0, now_s - self._started_s)
-        if self._tries:
-            self._in_doubt = took_s, self._again_s
+    def add_response(self, now_s: float) -> None:
+        """Update the estimate by a response; the response to a repeated request is ambiguous and only stored."""
+        response_s = max(0.0, now_s - self._first_sent_s)
+        if self._repetitions:
+            self._repeated_exchange = response_s, self._second_sent_s
             return
-        self._in_doubt = None
-        if self._typical_s is None:
-            self._typical_s, self._deviation_s = took_s, 0.5 * took_s
+        self._repeated_exchange = None
+        if self._average_s is None:
+            self._average_s, self._deviation_s = response_s, 0.5 * response_s
             return
-        beside_s = took_s - self._typical_s
-        self._deviation_s += _NEW * (abs(beside_s) - self._deviation_s)
-        self._typical_s += _NEW * beside_s
+        error_s = response_s - self._average_s
+        self._deviation_s += _AVERAGE_WEIGHT * (abs(error_s) - self._deviation_s)
+        self._average_s += _AVERAGE_WEIGHT * error_s
 
-    def learn_from_duplicate(self, now_s: float) -> None:
-        """Learn from a second answer to the previous request, if the first was that to its first sending."""
-        if self._in_doubt is None:
+    def add_second_response(self, now_s: float) -> None:
+        """Update the estimate by a second response to the latest repeated request."""
+        if self._repeated_exchange is None:
             return
-        took_s, again_s = self._in_doubt
-        if abs(now_s - again_s - took_s) > _ALIKE * took_s:
+        response_s, second_sent_s = self._repeated_exchange
+        if abs(now_s - second_sent_s - response_s) > _MAX_RELATIVE_DIFFERENCE * response_s:
             return
-        self._in_doubt, before_s = None, self._suspected_s
-        self._suspected_s = took_s
-        if before_s is None or abs(took_s - before_s) > _ALIKE * before_s:
+        self._repeated_exchange, previous_s = None, self._second_response_s
+        self._second_response_s = response_s
+        if previous_s is None or abs(response_s - previous_s) > _MAX_RELATIVE_DIFFERENCE * previous_s:
             return  # a single case may be chance
-        self._typical_s = max(took_s, self._typical_s or 0.0)
-        self._wait_s = max(self._wait_s, self._usual_wait_s(self._typical_s))
+        self._average_s = max(response_s, self._average_s or 0.0)
+        self._wait_s = max(self._wait_s, self._compute_wait_s(self._average_s))
 
-    def _usual_wait_s(self, typical_s: float) -> float:
-        """Return the wait for an answer, within the bounds, and never shorter than an average answer takes."""
-        wait_s = typical_s + _DEVIATIONS * self._deviation_s
-        within_s = min(max(wait_s, self._timeouts.shortest_s), self._timeouts.longest_s)
-        return max(within_s, _LATER * typical_s)
+    def _compute_wait_s(self, average_s: float) -> float:
+        """Return the wait for a response, limited by the timeouts, but not shorter than 1.25 averages."""
+        wait_s = average_s + _WAIT_DEVIATIONS * self._deviation_s
+        limited_s = min(max(wait_s, self._timeouts.shortest_s), self._timeouts.longest_s)
+        return max(limited_s, _MIN_WAIT_AVERAGES * average_s)
 
     @property
     def give_up_s(self) -> float:
-        """Silence that ends the exchange: longer with long round trips."""
-        return max(self._timeouts.give_up_s, _PATIENCE * (self._typical_s or 0.0))
+        """Silence that ends the exchange; longer with long response times."""
+        return max(self._timeouts.give_up_s, _GIVE_UP_AVERAGES * (self._average_s or 0.0))
 
-    def due(self, now_s: float) -> bool:
-        """Return whether a repetition is due."""
-        return now_s - self._asked_s >= self._wait_s
+    def is_due(self, now_s: float) -> bool:
+        """Return whether the request is to be repeated."""
+        return now_s - self._sent_s >= self._wait_s
 
     @property
-    def tries(self) -> int:
+    def repetitions(self) -> int:
         """Number of repetitions of the present request."""
-        return self._tries
+        return self._repetitions

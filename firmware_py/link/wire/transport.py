@@ -1,4 +1,4 @@
-"""Interface of transports."""
+"""Interface of transports, which exchange bytes with peers."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 Address: TypeAlias = Hashable  # one peer on a transport
 
-RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
-READ_BYTES = 256  # one read of a stream: the rest stays in the system's buffer, and the descriptor readable
+MAX_RADIO_BAUD = 115_200  # a serial line up to this rate is treated as a radio modem
+# Per read of a stream. The rest stays in the buffer of the system, and the descriptor remains readable.
+MAX_READ_BYTES = 256
 
 
 class Transport(Protocol):
-    """Carries bytes to and from one or more peers; never blocks, never raises."""
+    """Exchange of bytes with one or more peers. No method blocks or raises an exception."""
 
     @property
     def name(self) -> str:
-        """The URL, for messages."""
+        """The URL, for messages to the operator."""
 
     @property
     def options(self) -> LinkOptions:
@@ -28,72 +29,76 @@ class Transport(Protocol):
 
     @property
     def byte_rate(self) -> float | None:
-        """Maximum rate of a line in bytes a second; None for a network."""
+        """Maximum rate of a line in bytes per second; None for a network."""
 
     @property
-    def radio(self) -> bool:
+    def has_radio_rates(self) -> bool:
         """Whether telemetry is sent at the lower rates."""
 
     @property
-    def datagrams(self) -> bool:
+    def is_datagram(self) -> bool:
         """Whether data comes without a connection, from any address."""
 
     def descriptors(self) -> Sequence[int]:
-        """The descriptors that `receive` reads."""
+        """Return the file descriptors that `receive` reads."""
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
-        """Read a bounded piece from a descriptor."""
+        """Read a bounded amount of data from a descriptor; return pairs of peer address and data."""
 
     def send(self, address: Address, data: bytes) -> bool:
-        """Take all of data, or none of it (False)."""
+        """Send or buffer all of `data`, or return False and send none of it."""
 
     @property
-    def exposed(self) -> bool:
-        """Whether other computers can send here unasked."""
+    def is_exposed(self) -> bool:
+        """Whether other computers can start to send to this transport."""
 
     @property
     def blocked_reason(self) -> str:
-        """Why sending is blocked; empty if it is not."""
+        """Reason why sending is blocked; empty if it is not."""
 
     def addresses(self) -> Sequence[Address]:
-        """The permanent peers, which are served before they send."""
+        """Return the permanent peers, to which the boat sends first."""
 
     def connections(self) -> Sequence[Address]:
-        """The peers with an open incoming connection."""
+        """Return the peers with an open incoming connection."""
 
     def host(self, address: Address) -> Hashable:
-        """The computer of a peer."""
+        """Return an identifier of the computer of a peer, such as its IP address."""
 
     def drop(self, address: Address) -> None:
-        """Close a connection."""
+        """Close the connection of a peer."""
 
     def poll(self, now_s: float) -> None:
-        """Do periodic work: reconnect, send buffered data."""
+        """Reconnect and send buffered data; called periodically."""
 
     def close(self) -> None:
         """Close all descriptors."""
 
 
-def usual_class(transport: Transport) -> LinkClass:
-    """Return the class of a transport: that of its URL, otherwise by its kind."""
-    return transport.options.link_class or (LinkClass.RADIO if transport.radio else LinkClass.FAST)
+def link_class_of(transport: Transport) -> LinkClass:
+    """Return the link class of the URL; without one, RADIO or FAST by the kind of transport."""
+    return transport.options.link_class or (LinkClass.RADIO if transport.has_radio_rates else LinkClass.FAST)
 
 
 @runtime_checkable
 class Satellite(Protocol):
-    """Further interface of a transport with paid messages."""
+    """Additional interface of a transport with paid messages."""
 
     def attach(
         self,
         parameters: Callable[[], ParameterSet],
-        code: Callable[[bytes], bytes | None],
-        vouch: Callable[[bytes], None],
+        compute_hmac: Callable[[bytes], bytes | None],
+        mark_signed: Callable[[bytes], None],
     ) -> None:
-        """Take the parameters in force, the HMAC by the boat's key, and the function that marks a frame as signed."""
+        """Store three functions of the link.
+
+        `parameters` returns the current parameters, `compute_hmac` the HMAC with the boat's key (None without a key),
+        and `mark_signed` marks a received frame as signed.
+        """
 
     def satellite_status(self, now_s: float) -> SatelliteStatus:
-        """Status of modem, sessions and budget."""
+        """Return the status of modem, sessions and budget."""
 
 
 class MessageTransport(Transport, Satellite, Protocol):
-    """A transport that carries messages."""
+    """Transport with paid messages."""

@@ -1,4 +1,4 @@
-"""MAVLink over UDP: to one ground station (udpout), or to any that sends first (udpin)."""
+"""MAVLink over UDP: to one ground station (udpout), or to each station that sends first (udpin)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from collections.abc import Sequence
 from firmware_py.link.wire.transport import Address
 from firmware_py.link.wire.urls import HostLookup, LinkError, LinkUrl, resolve
 
-_DATAGRAMS = 48  # in one call, which keeps up with a flood, most of which is dropped unread
-_LONGEST = 2048  # bytes of a datagram
-_SEND_BUFFER = 1 << 18
+_MAX_DATAGRAMS_PER_CALL = 48  # enough during a flood, since most of its datagrams are dropped unread
+_MAX_DATAGRAM_BYTES = 2048
+_SEND_BUFFER_BYTES = 1 << 18
 # Linux constants that Python lacks. By default datagrams must not be fragmented: on a path with a smaller MTU and
 # without ICMP every longer one would be lost.
 _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT = 10, 0
-OF_MANY_ANYWHERE = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - never the address of one station
-_LOOK_S = 60.0  # of silence before the target is looked up again
+GROUP_ADDRESSES = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - not bound, only rejected
+_LOOKUP_INTERVAL_S = 60.0  # a target that is silent for this long is looked up again
 
 
-def exposed(listener: socket.socket) -> bool:
-    """Return whether a bound socket is reachable from other computers."""
+def is_exposed(listener: socket.socket) -> bool:
+    """Return whether other computers can reach a bound socket."""
     return not str(listener.getsockname()[0]).startswith("127.")
 
 
@@ -44,8 +44,8 @@ def bind(listener: socket.socket, url: LinkUrl) -> None:
         raise LinkError(f"link {url.text!r}: {reason}; {remedy}") from error
 
 
-def is_of_many(address: tuple[str, int]) -> bool:
-    """Return whether an address is a multicast, broadcast or unspecified one."""
+def _is_group_address(address: tuple[str, int]) -> bool:
+    """Return whether an address is a multicast, broadcast or unspecified address."""
     numeric = ipaddress.IPv4Address(address[0])
     if numeric.is_multicast or numeric.is_unspecified:
         return True
@@ -53,49 +53,49 @@ def is_of_many(address: tuple[str, int]) -> bool:
         try:
             probe.connect(address)
         except PermissionError:
-            return True  # a broadcast, which needs SO_BROADCAST
+            return True  # a broadcast address, which needs SO_BROADCAST
         except OSError:
-            return False  # no route to it now
+            return False  # there is no route at present
     return False
 
 
 def _check_target(url: LinkUrl, target: tuple[str, int]) -> None:
-    """Raise LinkError for a target from which no answer would be accepted."""
-    if is_of_many(target):
+    """Raise LinkError for a group address: the replies have another address and would be rejected."""
+    if _is_group_address(target):
         raise LinkError(
-            f"link {url.text!r}: {target[0]} is not the address of one station, and no other would be heard; "
-            f"use the station's own, or udpin:0.0.0.0:{url.number}"
+            f"link {url.text!r}: {target[0]} is not the address of one station, so replies would be ignored; "
+            f"use the address of the station, or udpin:0.0.0.0:{url.number}"
         )
 
 
 class UdpTransport:
-    """One UDP socket.
+    """Transport with one UDP socket.
 
-    `udpout` sends to its target from the start and receives from the target's host only, from any port: ground stations
-    often answer from another one, and each port is a peer. A host name is looked up again while the target is silent.
-    `udpin` receives from any address.
+    `udpout` sends to its target from the start. It receives from the host of the target only, but from any port, since
+    ground stations often reply from another port; each port is a peer. While the target is silent, its host name is
+    looked up again. `udpin` receives from any address.
     """
 
     byte_rate: float | None = None
-    datagrams = True
+    is_datagram = True
 
     def __init__(self, url: LinkUrl, *, receives: bool = True) -> None:
         """Open the socket, or raise LinkError; `receives` False allows broadcast targets."""
         self.name = url.text
         self.options = url.options
-        self.radio = url.options.at_radio_rates(usual=False)
+        self.has_radio_rates = url.options.uses_radio_rates(default=False)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._target: tuple[str, int] | None = None
         self._lookup: HostLookup | None = None
-        self._has_received = True  # from the target since the latest lookup
-        self._look_s = -math.inf
-        self.exposed = False
-        self.blocked_reason = ""  # why the system refused the last datagram to the target
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        self._has_received = True  # since the latest lookup
+        self._next_lookup_s = -math.inf
+        self.is_exposed = False
+        self.blocked_reason = ""  # of the last datagram to the target
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT)
         if url.kind == "udpin":
             bind(self._socket, url)
-            self.exposed = exposed(self._socket)
+            self.is_exposed = is_exposed(self._socket)
             return
         try:
             self._target = resolve(url)
@@ -105,30 +105,30 @@ class UdpTransport:
             self._socket.close()
             raise
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, not receives)
-        self._lookup = HostLookup(url, _LOOK_S)
+        self._lookup = HostLookup(url, _LOOKUP_INTERVAL_S)
 
     def descriptors(self) -> Sequence[int]:
-        """Return the socket's descriptor."""
+        """Return the descriptor of the socket."""
         return (self._socket.fileno(),)
 
-    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
-        """Read a few datagrams."""
-        datagrams: list[tuple[Address, bytes]] = []
-        for _ in range(_DATAGRAMS):
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - there is only one
+        """Read at most 48 datagrams."""
+        received: list[tuple[Address, bytes]] = []
+        for _ in range(_MAX_DATAGRAMS_PER_CALL):
             try:
-                data, address = self._socket.recvfrom(_LONGEST)
+                data, address = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
             except OSError:
-                # An ICMP error of an earlier send, such as ECONNREFUSED: no program listens there now.
+                # An ICMP error of an earlier datagram, such as ECONNREFUSED: no program listens on that port.
                 continue
             if self._target is None or address[0] == self._target[0]:
-                datagrams.append((address, data))
+                received.append((address, data))
                 self._has_received = True
-        return datagrams
+        return received
 
     def send(self, address: Address, data: bytes) -> bool:
-        """Send one datagram; False when the system refuses it: its buffer is full, or there is no way there now."""
+        """Send one datagram; return False if the system refuses it (full buffer, no route)."""
         try:
             self._socket.sendto(data, address)  # type: ignore[call-overload]
         except BlockingIOError:
@@ -157,17 +157,17 @@ class UdpTransport:
         """Do nothing: UDP has no connections."""
 
     def poll(self, now_s: float) -> None:
-        """Look up a silent target, and use its new address."""
+        """Look up a silent target again; change to its new address."""
         if self._lookup is None or self._target is None:
             return
-        if now_s >= self._look_s:
-            self._look_s = now_s + _LOOK_S
+        if now_s >= self._next_lookup_s:
+            self._next_lookup_s = now_s + _LOOKUP_INTERVAL_S
             if not self._has_received:
-                self._lookup.ask(now_s)
+                self._lookup.start(now_s)
             self._has_received = False
-        found = self._lookup.found
-        if found and self._target[0] not in found:
-            self._target = found[0], self._target[1]
+        addresses = self._lookup.addresses
+        if addresses and self._target[0] not in addresses:
+            self._target = addresses[0], self._target[1]
 
     def close(self) -> None:
         """Close the socket."""

@@ -1,4 +1,4 @@
-"""URLs of links: their parts and options, and the addresses of the host they name."""
+"""URLs of links: syntax, options, and lookup of the host name."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.reading_notes import abbreviate
 
-_SELF: Final = "localhost"
-
+_LOCALHOST: Final = "localhost"
 
 _FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD or sbd:PATH"
 _KINDS = {
@@ -29,11 +28,11 @@ _KINDS = {
     "serial": "serial",
     "sbd": "sbd",
 }
-_USUAL_BAUD = {"sbd": "19200"}  # where the baud rate may be left away
+_DEFAULT_BAUD = {"sbd": "19200"}  # of the kinds of link with an optional baud rate
 
 
 class OptionError(ValueError):
-    """An option of a link is wrong; the text says what is allowed."""
+    """An option of a link is invalid; the text states the allowed values."""
 
 
 class Policy(Enum):
@@ -41,8 +40,8 @@ class Policy(Enum):
 
     AUTO = "auto"  # OPEN without a key and on trusted links, otherwise SIGNED_COMMANDS
     OPEN = "open"
-    SIGNED_COMMANDS = "signed-commands"  # it may read, but change nothing
-    SIGNED_ONLY = "signed-only"  # it is ignored
+    SIGNED_COMMANDS = "signed-commands"  # read only
+    SIGNED_ONLY = "signed-only"  # none: the frame is ignored
 
 
 class LinkClass(Enum):
@@ -51,15 +50,15 @@ class LinkClass(Enum):
     FAST = "fast"
     RADIO = "radio"
     SATELLITE = "satellite"
-    MESSAGES = "messages"  # paid messages by satellite: only for an sbd link
+    MESSAGES = "messages"  # paid messages by satellite; only of an sbd link
 
 
 class LinkOptions(msgspec.Struct, frozen=True):
-    """The options of one link.
+    """Options of one link.
 
-    `trusted`: only the owner can reach it (a cable), so a signing key may be set over it. `link_class` None: by the
-    kind of the link. `systems` are the MAVLink system ids that may command; None: all. `route`: messages between other
-    systems are routed over it; None: by the class.
+    `trusted`: only the owner can reach the link (a cable), so a signing key may be set over it. `link_class`: None
+    selects the class by the kind of link. `systems`: MAVLink system ids that may command; None allows all. `route`:
+    whether messages between other systems are routed over the link; None decides by the class.
     """
 
     trusted: bool = False
@@ -68,9 +67,9 @@ class LinkOptions(msgspec.Struct, frozen=True):
     systems: frozenset[int] | None = None
     route: bool | None = None
 
-    def at_radio_rates(self, *, usual: bool) -> bool:
-        """Return whether telemetry is sent at the lower rates; `usual` is the default of the kind of link."""
-        return usual if self.link_class is None else self.link_class is not LinkClass.FAST
+    def uses_radio_rates(self, *, default: bool) -> bool:
+        """Return whether telemetry is sent at the lower rates; `default` applies without a class."""
+        return default if self.link_class is None else self.link_class is not LinkClass.FAST
 
 
 PLAIN = LinkOptions()  # of a URL without options
@@ -80,39 +79,39 @@ _POLICIES: Mapping[str, Policy] = {policy.value: policy for policy in Policy}
 _CLASSES: Mapping[str, LinkClass] = {kind.value: kind for kind in LinkClass if kind is not LinkClass.MESSAGES}
 
 
-def _systems(text: str) -> frozenset[int] | None:
-    parts = text.split(",")
-    if not all(part.isascii() and part.isdigit() and len(part) < 4 and 1 <= int(part) <= 255 for part in parts):
+def _parse_systems(text: str) -> frozenset[int] | None:
+    ids = text.split(",")
+    if not all(digits.isascii() and digits.isdigit() and len(digits) < 4 and 1 <= int(digits) <= 255 for digits in ids):
         return None
-    return frozenset(int(part) for part in parts)
+    return frozenset(map(int, ids))
 
 
-# name -> field, parser (None: not allowed), allowed values
+# Name: field, parser that returns None for a value that is not allowed, description of the allowed values.
 _OPTIONS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
     "trusted": ("trusted", _SWITCH.get, "1 or 0"),
     "policy": ("policy", _POLICIES.get, ", ".join(_POLICIES)),
     "class": ("link_class", _CLASSES.get, ", ".join(_CLASSES)),
     "route": ("route", _SWITCH.get, "1 or 0"),
-    "systems": ("systems", _systems, "system ids from 1 to 255, with commas between them"),
+    "systems": ("systems", _parse_systems, "system ids from 1 to 255, with commas between them"),
 }
 
 
 def parse_options(text: str) -> LinkOptions:
-    """Read `NAME=VALUE&NAME=VALUE`, or raise OptionError."""
+    """Parse `NAME=VALUE&NAME=VALUE`; raise OptionError for an unknown, repeated or invalid option."""
     options = PLAIN
     names = set()
     for item in text.split("&"):
         name, _, value = item.partition("=")
         row = _OPTIONS.get(name)
         if row is None:
-            near = difflib.get_close_matches(name, _OPTIONS, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_OPTIONS)}"
+            similar = difflib.get_close_matches(name, _OPTIONS, 1)
+            hint = f"did you mean {similar[0]!r}?" if similar else f"there are {', '.join(_OPTIONS)}"
             raise OptionError(f"option {abbreviate(name)} is not known; {hint}")
         if name in names:
             raise OptionError(f"option {name!r} is given twice; give it once")
         names.add(name)
-        field, read, allowed = row
-        setting = read(value)
+        field, parse, allowed = row
+        setting = parse(value)
         if setting is None:
             raise OptionError(f"option {name}={abbreviate(value)}: allowed are {allowed}")
         options = replace(options, **{field: setting})
@@ -120,11 +119,11 @@ def parse_options(text: str) -> LinkOptions:
 
 
 class LinkError(ValueError):
-    """A link cannot be opened; the text says why and what to do."""
+    """A link cannot be opened; the text states the reason and the remedy."""
 
 
 class LinkUrl(msgspec.Struct, frozen=True):
-    """A parsed URL; `host` and `number` are a port's path and baud rate for `serial` and `sbd`."""
+    """Parsed URL. `host` and `number` are host and port, or path and baud rate of `serial` and `sbd`."""
 
     kind: str
     host: str
@@ -134,27 +133,27 @@ class LinkUrl(msgspec.Struct, frozen=True):
 
 
 def parse_url(text: str) -> LinkUrl:
-    """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
+    """Parse a link URL in the style of pymavlink with optional `?OPTIONS`; raise LinkError if it is invalid."""
     link = f"link {text[:120]!r}"
     if "\0" in text:
-        raise LinkError(f"{link}: it holds a NUL; use {_FORMS}")
-    place, mark, query = text.partition("?")
-    scheme, _, rest = place.partition(":")
+        raise LinkError(f"{link}: it contains a NUL; use {_FORMS}")
+    location, mark, query = text.partition("?")
+    scheme, _, rest = location.partition(":")
     kind = _KINDS.get(scheme)
     if kind is None:
         raise LinkError(f"{link}: {abbreviate(scheme)} is not a kind of link; use {_FORMS}")
-    # From the right: the paths of /dev/serial/by-path hold colons.
+    # Split at the last colon, since the paths of /dev/serial/by-path contain colons.
     host, _, number = rest.rpartition(":")
-    if kind in _USUAL_BAUD and not number.isdigit():
-        host, number = rest, _USUAL_BAUD[kind]
-    what, low, high = ("baud rate", 300, 4_000_000) if kind in ("serial", "sbd") else ("port", 1, 65535)
+    if kind in _DEFAULT_BAUD and not number.isdigit():
+        host, number = rest, _DEFAULT_BAUD[kind]
+    quantity, low, high = ("baud rate", 300, 4_000_000) if kind in ("serial", "sbd") else ("port", 1, 65535)
     if not host:
-        missing = "path" if kind in _USUAL_BAUD else what
+        missing = "path" if kind in _DEFAULT_BAUD else quantity
         raise LinkError(f"{link}: the {missing} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
-        raise LinkError(f"{link}: {abbreviate(number)} is not a {what}; use a whole number from {low} to {high}")
+        raise LinkError(f"{link}: {abbreviate(number)} is not a {quantity}; use a whole number from {low} to {high}")
     if kind not in ("serial", "sbd") and ":" in host:
-        raise LinkError(f"{link}: there is no IPv6 here; use an IPv4 address or a name that has one")
+        raise LinkError(f"{link}: IPv6 is not supported; use an IPv4 address or a name that has one")
     try:
         options = parse_options(query) if mark else PLAIN
     except OptionError as error:
@@ -163,7 +162,7 @@ def parse_url(text: str) -> LinkUrl:
 
 
 def resolve(url: LinkUrl) -> tuple[str, int]:
-    """Return the first numeric IPv4 address of a URL, or raise LinkError. May wait for a name server."""
+    """Return the first numeric IPv4 address and the port of a URL; raise LinkError for an unknown host. May block."""
     try:
         return addresses_of(url)[0], url.number
     except (OSError, UnicodeError) as error:
@@ -171,9 +170,9 @@ def resolve(url: LinkUrl) -> tuple[str, int]:
 
 
 def addresses_of(url: LinkUrl) -> tuple[str, ...]:
-    """Return the numeric IPv4 addresses of a URL, at least one, or raise OSError or UnicodeError."""
-    found = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
-    return tuple(dict.fromkeys(str(address[4][0]) for address in found))
+    """Return the numeric IPv4 addresses of a URL, at least one; raise OSError or UnicodeError for an unknown host."""
+    infos = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
+    return tuple(dict.fromkeys(str(info[4][0]) for info in infos))
 
 
 def is_numeric(host: str) -> bool:
@@ -186,40 +185,40 @@ def is_numeric(host: str) -> bool:
 
 
 class HostLookup:
-    """Looks up a host name again on a thread; not for a numeric address.
+    """Lookup of a host name on a thread. It does nothing for a numeric address and for localhost.
 
-    A name server may be silent for half a minute. The thread is started early, since one that is started later would
-    inherit the priority of the loop.
+    A lookup may take half a minute. The constructor starts the thread, since a thread that starts later would inherit
+    the priority of the loop.
     """
 
-    def __init__(self, url: LinkUrl, every_s: float) -> None:
-        """Take the URL, and the minimum interval of lookups."""
-        self._url, self._every_s = url, every_s
-        self.found: tuple[str, ...] = ()  # the addresses of the latest answer; none before the first
-        self._asked_s: float | None = None
-        self._wanted = threading.Event()
-        self._ended = False
-        if not is_numeric(url.host) and url.host != _SELF:
-            threading.Thread(target=self._work, name="link names", daemon=True).start()
+    def __init__(self, url: LinkUrl, min_interval_s: float) -> None:
+        """Start the thread; `min_interval_s` is the minimum interval of lookups."""
+        self._url, self._min_interval_s = url, min_interval_s
+        self.addresses: tuple[str, ...] = ()  # of the latest successful lookup
+        self._started_s: float | None = None
+        self._request = threading.Event()
+        self._is_closed = False
+        if not is_numeric(url.host) and url.host != _LOCALHOST:
+            threading.Thread(target=self._look_up, name="link names", daemon=True).start()
 
-    def ask(self, now_s: float) -> None:
-        """Start a lookup, unless the interval has not passed yet."""
-        if self._asked_s is None or now_s - self._asked_s >= self._every_s:
-            self._asked_s = now_s
-            self._wanted.set()
+    def start(self, now_s: float) -> None:
+        """Start a lookup, unless the latest one was started less than the minimum interval ago."""
+        if self._started_s is None or now_s - self._started_s >= self._min_interval_s:
+            self._started_s = now_s
+            self._request.set()
 
     def close(self) -> None:
         """End the thread after its present lookup."""
-        self._ended = True
-        self._wanted.set()
+        self._is_closed = True
+        self._request.set()
 
-    def _work(self) -> None:
+    def _look_up(self) -> None:
         while True:
-            self._wanted.wait()
-            self._wanted.clear()
-            if self._ended:
+            self._request.wait()
+            self._request.clear()
+            if self._is_closed:
                 return
             try:
-                self.found = addresses_of(self._url)
+                self.addresses = addresses_of(self._url)
             except (OSError, UnicodeError):
                 continue  # the former address may still be valid

@@ -118,7 +118,7 @@ def test_what_leaves_is_signed_once_there_is_a_key(linked):
 
 
 def test_a_signed_line_is_not_asked_for_more_than_it_carries(linked):
-    rig = linked("policy=open", key=True, byte_rate=200.0, radio=True)
+    rig = linked("policy=open", key=True, byte_rate=200.0, has_radio_rates=True)
     rig.replies()
     sent = 0
     for _ in range(300):

@@ -128,7 +128,7 @@ def forge_radio_status(rig):
 
 
 def connect_and_say_nothing(rig):
-    rig.transport.datagrams = False
+    rig.transport.is_datagram = False
     rig.transport.connected = ("attacker",)
     result = what_it_brings(rig)
     assert len(rig.endpoint._peers) == 0

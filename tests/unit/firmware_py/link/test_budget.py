@@ -55,7 +55,7 @@ class Line:
 @pytest.mark.parametrize("baud", [57600, 9600])
 def test_with_everything_asked_at_the_fastest_rate_the_line_is_full_and_no_more(make_rig, baud):
     rate = baud / BITS_PER_BYTE
-    rig = make_rig(byte_rate=rate, radio=True, datagrams=False)
+    rig = make_rig(byte_rate=rate, has_radio_rates=True, is_datagram=False)
     line = Line(rig)
     for number in sorted({row.number for row in TABLE} - {0}):
         rig.transport.inbox.append(("station", rig.frame(long_command(511, number, 20_000))))
@@ -98,7 +98,7 @@ def long_command(number, *values):
 @pytest.mark.parametrize("baud", [57600, 9600])
 def test_the_rates_of_a_radio_leave_room_on_the_line(make_rig, baud):
     """What a 57600 radio gets unasked is under a third of it; 9600 baud carries all of it, too."""
-    rig = make_rig(byte_rate=baud / BITS_PER_BYTE, radio=True, datagrams=False)
+    rig = make_rig(byte_rate=baud / BITS_PER_BYTE, has_radio_rates=True, is_datagram=False)
     line = Line(rig)
     while rig.now_s < SECONDS:
         rig.tick_silently(seconds=TICK_S, **BOAT)

@@ -134,7 +134,7 @@ def test_what_waits_is_answered_by_publish_too(rig, of):
 
 
 def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
-    rig = make_rig(byte_rate=120.0, radio=True)
+    rig = make_rig(byte_rate=120.0, has_radio_rates=True)
     seen, sent = set(), 0
     for _ in range(600):
         rig.tick_silently()

@@ -202,7 +202,7 @@ def test_downloads_whose_stations_fell_silent_keep_no_peer_waiting(disk, stored,
 
 
 def test_a_slow_line_is_not_overrun(disk, stored, of):
-    rig, _ = stored(byte_rate=5760.0, radio=True)
+    rig, _ = stored(byte_rate=5760.0, has_radio_rates=True)
     replies = ask_data(rig, 0)
     beats = 0
     for _ in range(20):

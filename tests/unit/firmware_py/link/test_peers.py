@@ -193,7 +193,7 @@ def test_the_status_has_the_age_of_the_latest_valid_frame_and_none_before_the_fi
 
 
 def test_a_connection_that_is_lost_goes_at_once(make_rig):
-    rig = make_rig(datagrams=False)
+    rig = make_rig(is_datagram=False)
     rig.tick()
     rig.transport.served = ()
     rig.tick()
@@ -217,7 +217,7 @@ def connected(make_rig):
     """Makes a rig on a transport like tcpin with one client, who has said nothing."""
 
     def make(options="policy=auto", *, key=False):
-        rig = make_rig(options=parse_options(options), addresses=(), datagrams=False)
+        rig = make_rig(options=parse_options(options), addresses=(), is_datagram=False)
         if key:
             assert rig.endpoint._signing.set_key(KEY, NOW)
         rig.transport.connected = (("client", 1),)
@@ -355,7 +355,7 @@ def test_an_open_link_that_others_reach_is_reported_at_start(make_rig, texts):
         vault = make_rig().vault
         if key:
             vault.save(b"key %s\ntimestamp 1\n" % KEY.hex().encode())
-        rig = make_rig(vault=vault, options=parse_options(options), exposed=exposed)
+        rig = make_rig(vault=vault, options=parse_options(options), is_exposed=exposed)
         assert [event.text for event in rig.endpoint.start_events] == expected
         assert texts(rig.tick()) == expected
 

@@ -162,7 +162,7 @@ def test_hostile_endings_are_limited_and_printable(state, tmp_path, capsys):
 
 @pytest.mark.parametrize("ledger", [Ledger(day=1 << 40), Ledger(day=3_000_000), Ledger(total=(1 << 64) - 1)])
 def test_a_satellite_ledger_with_impossible_numbers_is_refused(ledger):
-    with pytest.raises(ValueError, match="beyond all bounds"):
+    with pytest.raises(ValueError, match="out of range"):
         satellite_from_bytes(satellite_to_bytes(Record(ledger)))
 
 

@@ -148,13 +148,13 @@ def test_number_of_long_commands_is_limited_to_eight(rig, texts):
 
 def test_failure_of_the_disk_is_reported(rig, texts):
     rig.request_handler.at_once = False
-    text_of = {
+    encode_text = {
         (241, 0, 0, 0, 2): "PREFLIGHT_CALIBRATION: RUD_CENTRE_DEG active but not stored",
         (245, 1): "PREFLIGHT_STORAGE: not all stored; retrying",
         (245, 2): "PREFLIGHT_STORAGE: not stored, parameters unchanged",
     }
     rig.tick(**BENCH)
-    for (number, *values), text in text_of.items():
+    for (number, *values), text in encode_text.items():
         rig.command(number, *values)
         rig.request_handler.waiting.pop()(False)
         replies = rig.replies()

@@ -435,7 +435,7 @@ def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, uplo
 
 
 def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
-    rig, client = stored(byte_rate=5760.0, radio=True)
+    rig, client = stored(byte_rate=5760.0, has_radio_rates=True)
     client.ask(OPEN, LOG)
     client.all(BURST, size=239)
     parts, heartbeats, attitudes = [], 0, 0

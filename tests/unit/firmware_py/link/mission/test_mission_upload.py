@@ -11,7 +11,7 @@ from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
 BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
-RADIO = {"byte_rate": 5760.0, "radio": True, "datagrams": False}
+RADIO = {"byte_rate": 5760.0, "has_radio_rates": True, "is_datagram": False}
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 BOTH_IDENTITIES = pytest.mark.parametrize("identity", [0, 3])
 
@@ -231,14 +231,14 @@ def test_request_is_repeated_sooner_to_a_fast_station(station):
 @pytest.mark.parametrize(
     "link",
     [
-        {"byte_rate": 30.0, "datagrams": False},
-        {"byte_rate": 1920.0, "datagrams": False, "options": BY_SATELLITE},
+        {"byte_rate": 30.0, "is_datagram": False},
+        {"byte_rate": 1920.0, "is_datagram": False, "options": BY_SATELLITE},
         {"options": BY_SATELLITE},
     ],
     ids=["slow line", "satellite line", "satellite network"],
 )
 def test_requests_by_satellite_have_long_intervals(make_station, link):
-    station = make_station(radio=True, **link)
+    station = make_station(has_radio_rates=True, **link)
     requests = [len(station.count(2)), *(len(station.tick(seconds=10.0)) for _ in range(30))]
     assert (sum(requests[:2]), requests[2:12]) == (1, [0] * 10)
     assert sum(requests) == 3
@@ -299,7 +299,7 @@ def test_duplicates_by_the_link_do_not_extend_the_interval(make_station):
 @pytest.mark.parametrize("baud", [1200, 9600, 57_600])
 def test_request_by_radio_is_repeated_within_five_seconds(make_station, baud):
     """Ground stations end an upload after about five seconds."""
-    station = make_station(byte_rate=baud / 10.0, radio=True, datagrams=False)
+    station = make_station(byte_rate=baud / 10.0, has_radio_rates=True, is_datagram=False)
     station.count(2)
     assert len(station.ticks(50)) >= 2
 
@@ -375,7 +375,7 @@ def test_second_station_replaces_the_upload_of_a_silent_one(station):
 
 
 def test_station_with_a_new_connection_restarts_its_upload_at_once(station):
-    station.rig.transport.datagrams = False
+    station.rig.transport.is_datagram = False
     for address in ("first", "second"):
         station.rig.transport.served = (address,)
         station.rig.tick()

@@ -44,7 +44,7 @@ def slow_rig(make_rig):
     """Makes a rig with a radio link of some bytes a second."""
 
     def make(byte_rate):
-        rig = make_rig(byte_rate=byte_rate, radio=True)
+        rig = make_rig(byte_rate=byte_rate, has_radio_rates=True)
         rig.tick()
         return rig
 

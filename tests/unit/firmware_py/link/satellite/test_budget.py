@@ -1,4 +1,4 @@
-"""Credits by day and month, counted before they are spent."""
+"""Credits per day and month."""
 
 import math
 
@@ -13,17 +13,17 @@ DAY_S = 86400.0
 
 
 @pytest.mark.parametrize(("size", "credits_"), [(0, 1), (1, 1), (50, 1), (51, 2), (54, 2), (340, 7)])
-def test_a_message_costs_whole_credits(size, credits_):
+def test_cost_is_rounded_up_to_credits(size, credits_):
     assert LIMITS.cost(size) == credits_
 
 
-def test_what_is_less_urgent_leaves_some_for_what_is_more():
+def test_lower_priorities_leave_credits_for_higher_ones():
     ledger = Ledger().charged(7)
-    assert [ledger.room(LIMITS, kind) for kind in Kind] == [2, 2, 0, 3]
-    assert Ledger().room(Limits(0, 0, 50), Kind.ANSWER) == math.inf
+    assert [ledger.available(LIMITS, kind) for kind in Kind] == [2, 2, 0, 3]
+    assert Ledger().available(Limits(0, 0, 50), Kind.ANSWER) == math.inf
 
 
-def test_a_later_day_begins_again_and_the_month_goes_on():
+def test_new_day_and_new_month_reset_their_credits():
     ledger = Ledger().at(START_UTC_S).charged(9)
     later = ledger.at(START_UTC_S + DAY_S)
     assert (later.day_used, later.month_used, later.total) == (0, 9, 9)
@@ -31,14 +31,14 @@ def test_a_later_day_begins_again_and_the_month_goes_on():
     assert ledger.at(START_UTC_S + 30 * DAY_S).month_used == 0
 
 
-def test_a_clock_that_is_set_back_or_wrong_gives_nothing_away():
+def test_earlier_or_invalid_clock_keeps_the_used_credits():
     ledger = Ledger().at(START_UTC_S).charged(9)
     for utc_s in (START_UTC_S - DAY_S, START_UTC_S - 400 * DAY_S, 0.0, math.nan, -1.0, 1e300):
         assert ledger.at(utc_s).day_used == 9
         assert ledger.at(utc_s).month_used == 9
-    # A clock that was ahead for a while counts on from what it has brought along.
+    # A clock that returns to the present day starts a new day.
     assert ledger.at(START_UTC_S - DAY_S).at(START_UTC_S).day_used == 0
 
 
-def test_more_is_not_given_back_than_was_taken():
+def test_refund_is_limited_to_the_used_credits():
     assert Ledger().charged(2).charged(-3) == Ledger()

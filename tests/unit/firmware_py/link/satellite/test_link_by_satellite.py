@@ -1,4 +1,4 @@
-"""The whole of a link by satellite, before an emulated modem and network in simulated time."""
+"""Satellite link with an emulated modem and network, in simulated time."""
 
 import os
 from collections import Counter
@@ -26,10 +26,10 @@ def names(frames):
     return [frame.get_type() for frame in frames]
 
 
-def sail(hours):
-    """Sail some hours with a report each, faults, commands and 30 % of sessions that fail; judge each hour."""
+def run_voyage(hours):
+    """Run hours with a report each, faults, commands and 30 % of failed sessions, and check the results."""
     boat = SatelliteBoat(key=KEY, failed=0.3, lost_replies=0.2, lost_alerts=0.3, seed=7)
-    messages, obeyed, faults, frames = [], 0, [], []
+    messages, executed, faults, frames = [], 0, [], []
     for hour in range(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
         if hour % 12 == 5:
@@ -37,8 +37,8 @@ def sail(hours):
             boat.tell(Event(Severity.ERROR, faults[-1]))
         if hour % 8 == 3:
             messages.append(boat.keyed(set_mode(15)))
-            obeyed += 1
-            for message in (messages[-1], messages[0]):  # and one that came long ago, again
+            executed += 1
+            for message in (messages[-1], messages[0]):  # a new message and a repeated one
                 boat.network.send(message)
         boat.run_to(3600.0 * (hour + 1), idle_s=60.0)
         assert boat.network.bill.total <= boat.status().total_credits
@@ -51,43 +51,43 @@ def sail(hours):
     status = boat.status()
     assert boat.network.attempts > 1.3 * hours
     assert max(by_day.values()) <= boat.request_handler.values["SBD_DAY_CRED"]
-    waiting = len(boat.transport._driver.queue._queues[Kind.REPORT])
-    assert (status.dropped, len(reports)) == (0, hours + 1 - waiting)
+    queued = len(boat.transport._driver.queue._queues[Kind.REPORT])
+    assert (status.dropped, len(reports)) == (0, hours + 1 - queued)
     assert set(faults) <= texts
-    assert boat.intents == [SetMode(15)] * obeyed
-    assert status.refused == {"came before": len(messages) * 2 - obeyed}
+    assert boat.intents == [SetMode(15)] * executed
+    assert status.refused == {"came before": len(messages) * 2 - executed}
     return boat, f"{len(reports)} reports, {boat.network.bill}, {dict(by_day)}, {status}"
 
 
-def test_half_a_day_with_failed_sessions_loses_nothing_and_keeps_the_budget():
-    sail(12)
+def test_failed_sessions_lose_no_message_within_the_budget():
+    run_voyage(12)
 
 
 @pytest.mark.proof
-def test_so_does_a_month():
-    """pytest -m proof -s tests/unit/firmware_py/link/satellite (four minutes)."""
-    boat, reports = sail(24 * 30)
-    print(reports)
+def test_failed_sessions_of_a_month_lose_no_message_within_the_budget():
+    """It takes four minutes; `-s` prints the summary."""
+    boat, summary = run_voyage(24 * 30)
+    print(summary)
     assert boat.network.bill.total <= boat.status().total_credits <= boat.request_handler.values["SBD_MONTH_CRED"]
 
 
-def test_a_report_is_one_credit(boat):
+def test_report_costs_one_credit(boat):
     boat.run(60)
     assert names(boat.delivered()) == ["HIGH_LATENCY2"]
     assert (boat.status().sent_bytes, boat.status().day_credits, boat.network.bill.total) == (50, 1, 1)
 
 
-def test_it_is_off_without_such_a_link_and_the_generic_satellite_stays_silent():
+def test_only_changes_are_reported_with_interval_zero():
     boat = SatelliteBoat(parameters={"SBD_REPORT_MIN": 0})
     boat.run(7200, idle_s=30)
-    assert len(boat.delivered()) == 1  # the boat says that the boat is there
+    assert len(boat.delivered()) == 1  # the first report
     boat.changes["mode"] = Mode.HOLD
     boat.run(60)
     (report,) = boat.delivered()
     assert report.custom_mode == Mode.HOLD
 
 
-def test_a_change_of_mode_goes_out_at_once_and_a_warning_too_but_no_notice(boat):
+def test_mode_change_and_warning_are_sent_at_once_but_no_notice(boat):
     boat.run(60)
     boat.delivered()
     boat.changes["mode"] = Mode.HOLD
@@ -99,7 +99,7 @@ def test_a_change_of_mode_goes_out_at_once_and_a_warning_too_but_no_notice(boat)
     assert boat.status().day_credits == 3
 
 
-def test_who_says_the_same_all_day_costs_no_day(boat):
+def test_frequent_texts_and_mode_changes_cost_few_credits(boat):
     for second in range(300):
         boat.tell(Event(Severity.ERROR, "Compass lost"), Event(Severity.ERROR, f"Fault {second}"))
         boat.run(12, idle_s=6)
@@ -111,7 +111,7 @@ def test_who_says_the_same_all_day_costs_no_day(boat):
     assert boat.status().dropped > 500
 
 
-def test_a_command_comes_with_a_ring_and_is_answered(boat):
+def test_command_is_executed_and_acknowledged(boat):
     boat.run(60)
     boat.delivered()
     boat.network.send(boat.keyed(set_mode(15)))
@@ -122,13 +122,12 @@ def test_a_command_comes_with_a_ring_and_is_answered(boat):
     ]
 
 
-def test_messages_out_of_order_and_days_late_count_once_each():
+def test_messages_out_of_order_and_days_late_are_executed_once():
     boat = SatelliteBoat(key=KEY, parameters={"SBD_REPORT_MIN": 1440.0})
     boat.run(4 * DAY_S, idle_s=3600)
-    written = [
-        boat.keyed(set_mode(mode), at_s=boat.now_s - age_s) for mode, age_s in ((4, 0), (10, 3 * DAY_S), (11, 60))
-    ]
-    for message in written * 2:
+    ages_s = {4: 0, 10: 3 * DAY_S, 11: 60}
+    messages = [boat.keyed(set_mode(mode), at_s=boat.now_s - age_s) for mode, age_s in ages_s.items()]
+    for message in messages * 2:
         boat.network.send(message)
     boat.run(900)
     assert [intent.mode for intent in boat.intents] == [4, 10, 11]
@@ -136,7 +135,7 @@ def test_messages_out_of_order_and_days_late_count_once_each():
 
 
 @pytest.mark.parametrize(
-    ("more", "reason"),
+    ("changes", "reason"),
     [
         ({"key": bytes(31) + b"\x01"}, "false code"),
         ({"imei": "300234010753371"}, "false code"),
@@ -144,22 +143,22 @@ def test_messages_out_of_order_and_days_late_count_once_each():
         ({"at_s": 2 * DAY_S}, "written in the future"),
     ],
 )
-def test_what_is_forged_for_another_modem_or_out_of_time_changes_nothing(boat, more, reason):
-    boat.network.send(boat.keyed(set_mode(15), **more))
+def test_forged_or_outdated_message_is_refused(boat, changes, reason):
+    boat.network.send(boat.keyed(set_mode(15), **changes))
     boat.run(120)
     assert boat.intents == []
     assert boat.status().refused == {reason: 1}
     assert [event.text for event in boat.events] == [f"Satellite message refused: {reason}"]
 
 
-def test_a_restart_forgets_neither_what_was_spent_nor_what_has_counted(boat):
+def test_restart_keeps_credits_and_executed_messages(boat):
     message = boat.keyed(set_mode(15))
     boat.network.send(message)
     boat.run(90)
-    spent = boat.status().day_credits
+    credits_before = boat.status().day_credits
     boat.endpoint.close()
     boat.start(KEY)
-    assert boat.status().day_credits == spent
+    assert boat.status().day_credits == credits_before
     boat.network.send(message)
     boat.run(90)
     assert boat.intents == [SetMode(15)]
@@ -173,12 +172,12 @@ def test_a_restart_forgets_neither_what_was_spent_nor_what_has_counted(boat):
         (b"\x82\xa7version\x01\xa4sent\x03", "", "Satellite record: Record: field 'sent' is not known here, ignored"),
     ],
 )
-def test_without_a_whole_record_that_was_there_nothing_older_counts(content, damage, report):
+def test_older_messages_are_refused_after_loss_of_the_record(content, damage, report):
     vault = MemoryVault()
     vault.contents += [] if content is None else [content]
     vault.damage = damage
     boat = SatelliteBoat(key=KEY, vault=vault)
-    vault.damage = ""  # the next start finds the record that was begun
+    vault.damage = ""
     boat.endpoint.close()
     boat.start(KEY)
     boat.network.send(boat.keyed(set_mode(15), at_s=-60.0))
@@ -190,7 +189,7 @@ def test_without_a_whole_record_that_was_there_nothing_older_counts(content, dam
     assert [text.startswith(report) for text in reports] == [True] * bool(report)
 
 
-def test_a_message_that_is_not_on_disk_yet_has_not_counted(boat):
+def test_message_is_executed_after_its_number_is_stored(boat):
     boat.vault.at_once = False
     boat.network.send(boat.keyed(set_mode(15)))
     boat.run(90)
@@ -200,12 +199,12 @@ def test_a_message_that_is_not_on_disk_yet_has_not_counted(boat):
     assert boat.intents == [SetMode(15)]
 
 
-def test_with_a_key_a_plain_frame_may_ask_and_without_one_command(boat):
+def test_plain_frame_may_command_only_without_a_key(boat):
     plain = set_mode(15).pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
     boat.network.send(plain)
     boat.run(120)
     assert boat.intents == []
-    assert boat.transport.exposed
+    assert boat.transport.is_exposed
     open_boat = SatelliteBoat()
     for message in (plain, plain[:-1], boat.keyed(set_mode(4))):
         open_boat.network.send(message)
@@ -214,7 +213,7 @@ def test_with_a_key_a_plain_frame_may_ask_and_without_one_command(boat):
     assert open_boat.status().refused == {"no whole frame": 1, "there is no key": 1}
 
 
-def test_a_day_whose_credits_are_spent_lets_commands_in_and_the_next_day_reports():
+def test_used_credits_delay_reports_to_the_next_day_but_not_commands():
     boat = SatelliteBoat(key=KEY, parameters={"SBD_DAY_CRED": 10, "SBD_REPORT_MIN": 30.0})
     boat.run(12 * 3600.0, idle_s=600)
     assert boat.status().day_credits == 9
@@ -225,11 +224,11 @@ def test_a_day_whose_credits_are_spent_lets_commands_in_and_the_next_day_reports
     assert boat.intents == [SetMode(15)]
     boat.run(12.5 * 3600.0, idle_s=600)
     assert boat.status().day_credits > 0
-    assert boat.status().waiting > 0  # reports of the day before wait until there is room
+    assert boat.status().waiting > 0  # reports of the day before
     assert boat.network.bill.total <= boat.status().total_credits
 
 
-def test_a_weak_signal_is_waited_for():
+def test_session_waits_for_a_sufficient_signal():
     boat = SatelliteBoat(signal=lambda now_s: 1 if now_s < 900.0 else 4)
     boat.run(890, idle_s=5)
     assert boat.network.attempts == 0
@@ -237,7 +236,7 @@ def test_a_weak_signal_is_waited_for():
     assert names(boat.delivered()) == ["HIGH_LATENCY2"]
 
 
-def test_failures_are_followed_by_longer_pauses():
+def test_pauses_increase_with_failures():
     boat = SatelliteBoat(failed=1.0)
     boat.run(3500, idle_s=10)
     assert 12 <= boat.network.attempts <= 22
@@ -247,7 +246,7 @@ def test_failures_are_followed_by_longer_pauses():
     assert "HIGH_LATENCY2" in names(boat.delivered())
 
 
-def test_a_gateway_that_may_have_charged_each_try_does_not_use_up_the_day():
+def test_ambiguous_failures_do_not_use_up_the_credits_of_a_day():
     boat = SatelliteBoat(failed=1.0, lost_replies=1.0)
     boat.run(DAY_S / 2, idle_s=120)
     status = boat.status()
@@ -255,21 +254,19 @@ def test_a_gateway_that_may_have_charged_each_try_does_not_use_up_the_day():
     assert boat.network.attempts < 30
 
 
-def test_a_modem_that_is_switched_off_is_reported_and_taken_up_again(boat):
+def test_silent_modem_is_reported_and_recovers(boat):
     boat.run(60)
     receive, boat.modem.receive = boat.modem.receive, lambda *_: None
     boat.changes["mode"] = Mode.HOLD
     boat.run(300, idle_s=5)
     boat.modem.receive = receive
     boat.run(300, idle_s=5)
-    assert [event.text for event in boat.events] == [
-        "Satellite modem not responding",
-        "Satellite modem recovered",
-    ]
+    texts = [event.text for event in boat.events]
+    assert texts == ["Satellite modem not responding", "Satellite modem recovered"]
     assert "HIGH_LATENCY2" in names(boat.delivered())
 
 
-def test_a_message_received_before_a_power_cut_is_found_in_the_modem(boat):
+def test_message_in_the_modem_is_read_after_a_power_cut(boat):
     boat.run(60)
     boat.modem._in_message, boat.modem._in_number = boat.keyed(set_mode(15)), 9
     boat.endpoint.close()
@@ -278,18 +275,18 @@ def test_a_message_received_before_a_power_cut_is_found_in_the_modem(boat):
     assert boat.intents == [SetMode(15)]
 
 
-def test_it_may_be_closed_by_all_who_have_it_and_gives_nothing_of_others_away(boat):
+def test_second_close_and_late_storage_do_not_touch_a_reused_descriptor(boat):
     boat.vault.at_once = False
     boat.network.send(boat.keyed(set_mode(15)))
     boat.run(90)
     boat.endpoint.close()
-    with Path(os.devnull).open() as another:  # which has the number of its descriptor now
+    with Path(os.devnull).open() as other_file:  # it reuses the number of the descriptor
         boat.transport.close()
-        boat.vault.waiting.pop()(True)  # the disk has it after all
-        assert another.read() == ""
+        boat.vault.waiting.pop()(True)
+        assert other_file.read() == ""
 
 
-def test_control_high_latency_is_not_for_it(boat):
+def test_control_high_latency_does_not_apply_to_paid_messages(boat):
     boat.run(60)
     boat.delivered()
     boat.network.send(boat.keyed(mavlink.MAVLink_command_long_message(1, 1, 2600, 0, 1, 0, 0, 0, 0, 0, 0)))
@@ -297,7 +294,7 @@ def test_control_high_latency_is_not_for_it(boat):
     assert "HIGH_LATENCY2" not in names(boat.delivered())
 
 
-def test_a_key_is_not_set_by_satellite(boat):
+def test_key_is_not_set_by_satellite(boat):
     setup = mavlink.MAVLink_setup_signing_message(1, 1, bytes(range(1, 33)), 5)
     boat.network.send(boat.keyed(setup))
     boat.run(120)

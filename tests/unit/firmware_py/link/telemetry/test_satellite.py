@@ -1,4 +1,4 @@
-"""A satellite link: silent until asked, and then no more than was asked for."""
+"""A satellite link sends only requested messages."""
 
 import math
 
@@ -23,17 +23,17 @@ def satellite(make_rig):
     return make_rig(options=SATELLITE)
 
 
-def test_it_is_silent_whatever_happens_aboard(satellite):
+def test_nothing_is_sent_without_a_request(satellite):
     satellite.endpoint.service(0.0, [])
-    for seconds in range(600):
-        mode = Mode.HOLD if seconds % 7 else Mode.GUIDED
-        events = [Event(Severity.CRITICAL, f"Something {seconds}")]
-        home = Home(0.7, -0.2, float(seconds))
+    for second in range(600):
+        mode = Mode.HOLD if second % 7 else Mode.GUIDED
+        events = [Event(Severity.CRITICAL, f"Something {second}")]
+        home = Home(0.7, -0.2, float(second))
         satellite.tick_silently(seconds=1.0, events=events, mode=mode, home=home, position=FIX, position_ok=True)
     assert satellite.transport.sent == []
 
 
-def test_asked_for_it_sends_high_latency_at_its_interval_and_nothing_else(satellite):
+def test_high_latency2_is_sent_at_its_interval_until_disabled(satellite):
     satellite.tick()
     assert results(satellite.command(2600, 1)) == [0]
     replies = satellite.ticks(6000)  # ten minutes
@@ -43,7 +43,7 @@ def test_asked_for_it_sends_high_latency_at_its_interval_and_nothing_else(satell
     assert satellite.ticks(3000) == []
 
 
-def test_each_message_of_it_is_small(satellite):
+def test_high_latency2_is_short(satellite):
     satellite.tick()
     satellite.command(2600, 1)
     satellite.tick_silently()
@@ -51,7 +51,7 @@ def test_each_message_of_it_is_small(satellite):
     assert len(data) <= 42 + 12
 
 
-def test_what_is_asked_is_answered(satellite, of, texts):
+def test_requests_are_answered(satellite, of, texts):
     satellite.tick()
     assert results(satellite.command(115, 90)) == [0]
     assert len(of(satellite.command(512, 235), "HIGH_LATENCY2")) == 1
@@ -62,47 +62,47 @@ def test_what_is_asked_is_answered(satellite, of, texts):
     assert of(satellite.tell(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)), "PARAM_VALUE")
 
 
-def test_another_stations_change_of_a_parameter_costs_nothing(satellite):
+def test_messages_to_all_peers_are_not_sent_by_satellite(satellite):
     satellite.tick()
     (peer,) = satellite.endpoint._peers
     satellite.endpoint._context.send_all(mavlink.MAVLink_ping_message(0, 0, 0, 0))
     satellite.endpoint._context.send_text_all(Severity.CRITICAL, "text")
-    assert peer.outbox.waiting(2) == 0
+    assert peer.outbox.queued_count(2) == 0
 
 
-def test_the_habits_of_clients_do_not_wake_it(satellite):
+def test_high_rates_are_rejected_and_long_intervals_accepted(satellite):
     satellite.tick()
     satellite.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     assert results(satellite.command(511, 245, 1e6)) == [2]
     assert satellite.ticks(600) == []
     assert results(satellite.command(511, 33, 60e6)) == [0]
-    replies = [m for _ in range(600) for m in satellite.tick(seconds=1.0, position=FIX, position_ok=True)]
+    replies = [message for _ in range(600) for message in satellite.tick(seconds=1.0, position=FIX, position_ok=True)]
     assert {message.get_type() for message in replies} == {"GLOBAL_POSITION_INT"}
     assert len(replies) == pytest.approx(10, abs=1)
 
 
-def test_any_link_may_wake_it_and_one_that_comes_later_is_awake(make_rig):
+def test_request_on_another_link_enables_present_and_later_satellite_peers(make_rig):
     rig = make_rig()
-    far = make_rig(options=SATELLITE, descriptor=101).transport
-    rig.endpoint = Endpoint([rig.transport, far], rig.request_handler, utc_s=lambda: 1.7e9, version=Version())
+    satellite = make_rig(options=SATELLITE, descriptor=101).transport
+    rig.endpoint = Endpoint([rig.transport, satellite], rig.request_handler, utc_s=lambda: 1.7e9, version=Version())
     rig.tick()
     rig.command(2600, 1)
     rig.tick_silently()
-    assert len(far.sent) == 1
-    far.served = ("station", "another")
+    assert len(satellite.sent) == 1
+    satellite.served = ("station", "another")
     rig.tick_silently()
     rig.tick_silently()
-    assert [address for address, _ in far.sent] == ["station", "another"]
+    assert [address for address, _ in satellite.sent] == ["station", "another"]
 
 
-@pytest.mark.parametrize("wanted", [2, -1, 0.5, math.nan, math.inf])
-def test_neither_on_nor_off_is_denied(satellite, wanted):
+@pytest.mark.parametrize("value", [2, -1, 0.5, math.nan, math.inf])
+def test_value_other_than_on_or_off_is_denied(satellite, value):
     satellite.tick()
-    assert results(satellite.command(2600, wanted)) == [2]
+    assert results(satellite.command(2600, value)) == [2]
     assert satellite.ticks(20) == []
 
 
-def test_the_message_says_where_it_is_and_how(satellite, of):
+def test_high_latency2_contains_position_goal_and_faults(satellite, of):
     satellite.tick(
         position=FIX,
         position_ok=True,
@@ -116,24 +116,24 @@ def test_the_message_says_where_it_is_and_how(satellite, of):
         faults=1 << Fault.RUDDER_SILENT | 1 << Fault.COMPASS_LOST,
         mission=MissionReport(MissionState.ACTIVE, 6, 9),
     )
-    (replies,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
-    assert (replies.type, replies.autopilot, replies.custom_mode) == (11, 3, 10)
-    assert (replies.latitude, replies.longitude, replies.altitude) == (
+    (report,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
+    assert (report.type, report.autopilot, report.custom_mode) == (11, 3, 10)
+    assert (report.latitude, report.longitude, report.altitude) == (
         round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7), 3,
     )  # fmt: skip
-    assert (replies.heading, replies.target_heading, replies.target_distance, replies.groundspeed) == (0, 45, 123, 2)
-    assert (replies.wp_num, replies.battery, replies.eph) == (7, -1, 255)
-    assert replies.failure_flags == 32 | 4096 | 1024
-    assert (replies.custom0, replies.custom1, replies.custom2) == (-12, 61, 3)
+    assert (report.heading, report.target_heading, report.target_distance, report.groundspeed) == (0, 45, 123, 2)
+    assert (report.wp_num, report.battery, report.eph) == (7, -1, 255)
+    assert report.failure_flags == 32 | 4096 | 1024
+    assert (report.custom0, report.custom1, report.custom2) == (-12, 61, 3)
 
 
-def test_a_step_of_saving_power_is_reported_at_once_and_then_rarely(satellite):
+def test_power_saving_is_reported_at_once_and_extends_the_interval(satellite):
     satellite.tick()
     satellite.command(2600, 1)
     satellite.ticks(100)
     low = {"power_saving_level": 1, "faults": 1 << Fault.BATTERY_LOW}
-    (replies,) = satellite.tick(**low)
-    assert replies.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
+    (report,) = satellite.tick(**low)
+    assert report.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
     later = [message for _ in range(6000) for message in satellite.tick(**low)]
     assert len(later) == pytest.approx(600 / (5 * 120), abs=1)
-    assert len(satellite.tick()) == 1  # and that it is over
+    assert len(satellite.tick()) == 1  # the end of power saving

@@ -1,4 +1,4 @@
-"""What telemetry says, in MAVLink's units, and that nothing in a snapshot can break it."""
+"""Fields of the telemetry messages in the units of MAVLink, for all possible snapshots."""
 
 import math
 
@@ -30,25 +30,25 @@ from firmware_py.link.wire.frames import Codec, stamp
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
 SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
+DEAD_RECKONING = {
+    "position": FIX,
+    "position_ok": False,
+    "dead_reckoning": DeadReckoningPosition(0.71, -0.21, 0.3, -0.4, 250.0, 3600.0),
+}
 
 
 @pytest.fixture
 def build(snapshot):
-    def built(name, **changes):
+    def build_message(name, **changes):
         names = ("load", "refused_frames", "intended_mode", "utc_s", "fence_breaches", "override_us")
-        outside = {key: changes.pop(key) for key in names if key in changes}
-        values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9} | outside
-        scene = TelemetryContext(
-            msgspec.structs.replace(snapshot, **changes),
-            rudder_limit_rad=0.5,
-            autopilot=3,
-            **values,
-        )
+        values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9}
+        values |= {key: changes.pop(key) for key in names if key in changes}
+        boat = msgspec.structs.replace(snapshot, **changes)
         (row,) = (row for row in TABLE if row.name == name)
-        message = row.build(scene)
+        message = row.build(TelemetryContext(boat, rudder_limit_rad=0.5, autopilot=3, **values))
         return None if message is None else CODEC.decode(stamp(CODEC.pack(message), 0))
 
-    return built
+    return build_message
 
 
 @pytest.mark.parametrize(
@@ -63,13 +63,13 @@ def build(snapshot):
         (Mode.GUIDED, True, 1 << Fault.COMPASS_LOST, 1 | 128 | 8 | 16, mavlink.MAV_STATE_CRITICAL),
     ],
 )
-def test_heartbeat(build, mode, armed, faults, base_mode, status):
-    beat = build("HEARTBEAT", mode=mode, armed=armed, faults=faults)
-    assert (beat.type, beat.autopilot, beat.mavlink_version) == (mavlink.MAV_TYPE_SURFACE_BOAT, 3, 3)
-    assert (beat.custom_mode, beat.base_mode, beat.system_status) == (mode, base_mode, status)
+def test_heartbeat_contains_mode_and_state(build, mode, armed, faults, base_mode, status):
+    heartbeat = build("HEARTBEAT", mode=mode, armed=armed, faults=faults)
+    assert (heartbeat.type, heartbeat.autopilot, heartbeat.mavlink_version) == (mavlink.MAV_TYPE_SURFACE_BOAT, 3, 3)
+    assert (heartbeat.custom_mode, heartbeat.base_mode, heartbeat.system_status) == (mode, base_mode, status)
 
 
-def test_attitude_and_hud(build):
+def test_attitude_and_vfr_hud_contain_the_heading(build):
     attitude = build("ATTITUDE", heading_rad=5.0)
     assert attitude.time_boot_ms == 12_500
     assert (attitude.roll, attitude.pitch, attitude.yaw) == pytest.approx((0.1, -0.2, 5.0 - 2 * math.pi))
@@ -80,45 +80,41 @@ def test_attitude_and_hud(build):
 
 @pytest.mark.parametrize("name", ["ATTITUDE", "VFR_HUD"])
 @pytest.mark.parametrize("changes", [{"heading_ok": False}, {"heading_rad": None}])
-def test_a_heading_that_is_not_fresh_is_not_reported(build, name, changes):
+def test_old_heading_is_not_sent(build, name, changes):
     assert build(name, **changes) is None
 
 
-def test_position(build):
-    place = build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, home=Home(0.7, -0.2, 1.0))
-    assert (place.lat, place.lon) == (round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7))
-    assert (place.alt, place.relative_alt, place.vx, place.vy) == (3000, 2000, 0, 50)
-    assert place.hdg == round(math.degrees(1.0) * 100)
+def test_global_position_is_the_fix(build):
+    position = build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, home=Home(0.7, -0.2, 1.0))
+    assert (position.lat, position.lon) == (round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7))
+    assert (position.alt, position.relative_alt, position.vx, position.vy) == (3000, 2000, 0, 50)
+    assert position.hdg == round(math.degrees(1.0) * 100)
     assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, heading_ok=False).hdg == 65535
     assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=False) is None
 
 
-def test_a_estimated_place_is_reported_and_no_fix(build):
-    dead_reckoning = {
-        "position": FIX,
-        "position_ok": False,
-        "dead_reckoning": DeadReckoningPosition(0.71, -0.21, 0.3, -0.4, 250.0, 3600.0),
-    }
+def test_dead_reckoning_is_sent_without_a_fix(build):
     for name, latitude in (("GLOBAL_POSITION_INT", "lat"), ("HIGH_LATENCY2", "latitude")):
-        assert getattr(build(name, **dead_reckoning), latitude) == round(math.degrees(0.71) * 1e7)
-    place, raw = build("GLOBAL_POSITION_INT", **dead_reckoning), build("GPS_RAW_INT", **dead_reckoning)
-    assert (place.vx, place.vy, place.alt) == (30, -40, 3000)
+        assert getattr(build(name, **DEAD_RECKONING), latitude) == round(math.degrees(0.71) * 1e7)
+    position, raw = build("GLOBAL_POSITION_INT", **DEAD_RECKONING), build("GPS_RAW_INT", **DEAD_RECKONING)
+    assert (position.vx, position.vy, position.alt) == (30, -40, 3000)
     assert (raw.fix_type, raw.lat) == (1, 0)
-    assert not build("SYS_STATUS", **dead_reckoning).onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    assert not build("SYS_STATUS", **DEAD_RECKONING).onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
-def test_gps_raw_says_what_it_does_not_know(build):
+def test_gps_raw_int_has_the_numbers_for_unknown(build):
     known = build("GPS_RAW_INT", position=FIX, position_ok=True)
     assert (known.fix_type, known.eph, known.epv, known.vel, known.cog) == (3, 125, 65535, 50, 9000)
     assert (known.satellites_visible, known.lat) == (8, round(math.degrees(0.7) * 1e7))
-    stale = build("GPS_RAW_INT", position=FIX, position_ok=False)
-    assert (stale.fix_type, stale.lat, stale.vel) == (1, 0, 65535)
+    old = build("GPS_RAW_INT", position=FIX, position_ok=False)
+    assert (old.fix_type, old.lat, old.vel) == (1, 0, 65535)
     assert build("GPS_RAW_INT", position=msgspec.structs.replace(FIX, t_s=3.5), position_ok=True).time_usec == 3_500_000
-    none = build("GPS_RAW_INT")
-    assert (none.fix_type, none.eph, none.vel, none.cog, none.satellites_visible) == (0, 65535, 65535, 65535, 255)
+    without_receiver = build("GPS_RAW_INT")
+    velocity = (without_receiver.eph, without_receiver.vel, without_receiver.cog)
+    assert (without_receiver.fix_type, *velocity, without_receiver.satellites_visible) == (0, *[65535] * 3, 255)
 
 
-def test_the_goal_is_visible(build):
+def test_goal_is_sent(build):
     nav = build("NAV_CONTROLLER_OUTPUT", bearing_rad=3.0, distance_m=1e6)
     assert (nav.nav_bearing, nav.target_bearing, nav.wp_dist) == (115, 172, 65535)
     target = build("ATTITUDE_TARGET", goal_heading_rad=2.0)
@@ -131,50 +127,50 @@ def test_the_goal_is_visible(build):
 @pytest.mark.parametrize(
     ("command_rad", "pulse_us"), [(0.0, 1500), (0.5, 2000), (-0.5, 1000), (0.25, 1750), (9.0, 2000)]
 )
-def test_the_servo_output_is_the_command_and_the_measured_angle_has_a_name(build, command_rad, pulse_us):
+def test_servo_output_is_the_command_and_rudder_the_measured_angle(build, command_rad, pulse_us):
     assert build("SERVO_OUTPUT_RAW", rudder_command_rad=command_rad).servo1_raw == pulse_us
     assert build("NAMED_VALUE_FLOAT RUDDER").value == pytest.approx(math.degrees(0.2), abs=1e-5)
     assert build("NAMED_VALUE_FLOAT RUD_CMD").value == pytest.approx(math.degrees(0.25), abs=1e-5)
     assert build("NAMED_VALUE_FLOAT RUDDER", rudder_rad=None) is None
 
 
-SENSORS = 1 | 2 | 4  # gyro, accelerometer, magnetometer
+COMPASS_SENSORS = 1 | 2 | 4  # gyro, accelerometer, magnetometer
 
 
-def test_sys_status_is_honest(build):
-    good = build("SYS_STATUS", position=FIX, position_ok=True, servo=SERVO, load=0.015, refused_frames=70_000)
-    everything = SENSORS | 32 | mavlink.MAV_SYS_STATUS_PREARM_CHECK
-    assert good.onboard_control_sensors_present & everything == everything
-    assert good.onboard_control_sensors_health & everything == everything
-    assert (good.voltage_battery, good.current_battery, good.battery_remaining) == (12_300, 25, -1)
-    assert (good.load, good.errors_comm) == (15, 65535)
-    blind = build("SYS_STATUS", heading_ok=False, position=FIX, prearm_refusal="no heading")
-    assert blind.onboard_control_sensors_present & everything == everything
-    assert blind.onboard_control_sensors_health & everything == 0
-    assert (blind.voltage_battery, blind.current_battery) == (65535, -1)
+def test_sys_status_shows_healthy_and_failed_sensors(build):
+    healthy = build("SYS_STATUS", position=FIX, position_ok=True, servo=SERVO, load=0.015, refused_frames=70_000)
+    sensors = COMPASS_SENSORS | 32 | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    assert healthy.onboard_control_sensors_present & sensors == sensors
+    assert healthy.onboard_control_sensors_health & sensors == sensors
+    assert (healthy.voltage_battery, healthy.current_battery, healthy.battery_remaining) == (12_300, 25, -1)
+    assert (healthy.load, healthy.errors_comm) == (15, 65535)
+    failed = build("SYS_STATUS", heading_ok=False, position=FIX, prearm_refusal="no heading")
+    assert failed.onboard_control_sensors_present & sensors == sensors
+    assert failed.onboard_control_sensors_health & sensors == 0
+    assert (failed.voltage_battery, failed.current_battery) == (65535, -1)
     assert not build("SYS_STATUS").onboard_control_sensors_present & 32
 
 
 FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
-def test_the_fence_shows_whether_it_is_enabled_and_whether_it_is_breached(build):
-    def published(**changes):
+def test_sys_status_shows_presence_enabling_and_breach_of_the_fence(build):
+    def fence_bits(**changes):
         status = build("SYS_STATUS", **changes)
         fields = ("present", "enabled", "health")
         return [bool(getattr(status, f"onboard_control_sensors_{name}") & FENCE) for name in fields]
 
     fence = {"mission": MissionReport(identities=(0, 77, 0))}
     enabled = {"navigation": Navigation(fence_enabled=True)}
-    assert published() == [False, False, True]
-    assert published(**enabled) == [False, False, True]  # there is none
-    assert published(**fence) == [True, False, True]
-    assert published(**fence, **enabled) == [True, True, True]
-    assert published(**fence, **enabled, faults=1 << Fault.FENCE_BREACHED) == [True, True, False]
+    assert fence_bits() == [False, False, True]
+    assert fence_bits(**enabled) == [False, False, True]
+    assert fence_bits(**fence) == [True, False, True]
+    assert fence_bits(**fence, **enabled) == [True, True, True]
+    assert fence_bits(**fence, **enabled, faults=1 << Fault.FENCE_BREACHED) == [True, True, False]
 
 
-def test_what_the_estimator_has_learned_is_reported_by_name(build):
-    learned = Estimate(
+def test_estimates_are_sent_as_named_values(build):
+    estimate = Estimate(
         1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 0.3, 0.0, 0.9,
         yaw_diffusion_rad2_s=2.5 * math.radians(1.0) ** 2, prediction_square=1.1,
     )  # fmt: skip
@@ -195,116 +191,125 @@ def test_what_the_estimator_has_learned_is_reported_by_name(build):
         "CURR_SD": 0.04,
     }
     for name, value in values.items():
-        assert build(f"NAMED_VALUE_FLOAT {name}", estimate=learned, water=water).value == pytest.approx(value), name
+        assert build(f"NAMED_VALUE_FLOAT {name}", estimate=estimate, water=water).value == pytest.approx(value), name
         assert build(f"NAMED_VALUE_FLOAT {name}") is None
     assert build("VFR_HUD", water=water).airspeed == pytest.approx(0.8)
     assert build("HIGH_LATENCY2", water=water).airspeed == 4
 
 
-def test_battery_status_knows_only_one_voltage(build):
-    assert build("BATTERY_STATUS", servo=SERVO) is None  # the servo's supply is no battery
+def test_battery_status_has_one_voltage(build):
+    assert build("BATTERY_STATUS", servo=SERVO) is None  # the supply of the servo is not the battery
     battery = build("BATTERY_STATUS", power=Power(12.3))
     assert battery.voltages == [12_300] + [65535] * 9
     assert (battery.temperature, battery.current_consumed, battery.battery_remaining) == (32767, -1, -1)
     assert build("BATTERY_STATUS") is None
 
 
+BATTERY_BIT = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 BATTERY = Power(13.1, -1.5, 0.876, 9.5, 20.0, 39.65, load=Flow(7200.0, 60.0), discharged=Flow(720.0, 60.0))
 
 
-def test_a_battery_that_is_measured_goes_before_the_servos_supply(build):
+def test_measured_battery_replaces_the_supply_of_the_servo(build):
     battery = build("BATTERY_STATUS", servo=SERVO, power=BATTERY)
     assert (battery.voltages[0], battery.current_battery, battery.battery_remaining) == (13_100, 150, 88)
     assert (battery.temperature, battery.energy_consumed) == (950, 72)
     status = build("SYS_STATUS", servo=SERVO, power=BATTERY)
     assert (status.voltage_battery, status.current_battery, status.battery_remaining) == (13_100, 150, 88)
-    bit = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
-    assert status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit
-    high = build("HIGH_LATENCY2", servo=SERVO, power=BATTERY)
-    assert (high.battery, high.custom1) == (88, 66)
+    assert status.onboard_control_sensors_present & status.onboard_control_sensors_health & BATTERY_BIT
+    report = build("HIGH_LATENCY2", servo=SERVO, power=BATTERY)
+    assert (report.battery, report.custom1) == (88, 66)
     assert build("NAMED_VALUE_FLOAT SOLAR_W", power=BATTERY).value == 20.0
     assert build("NAMED_VALUE_FLOAT LOAD_W", power=BATTERY).value == pytest.approx(39.65)
 
 
-def test_a_battery_of_which_nothing_is_known_any_more_is_not_healthy(build):
+def test_silent_battery_monitor_is_not_healthy(build):
     status = build("SYS_STATUS", servo=SERVO, power=Power())
-    bit = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
-    assert (status.onboard_control_sensors_present & bit, status.onboard_control_sensors_health & bit) == (bit, 0)
+    assert status.onboard_control_sensors_present & BATTERY_BIT
+    assert not status.onboard_control_sensors_health & BATTERY_BIT
     assert (status.voltage_battery, status.battery_remaining) == (12_300, -1)
 
 
-def test_a_battery_that_is_charged_has_a_negative_current_that_is_never_the_number_for_unknown(build):
+def test_charging_current_is_negative_and_not_the_number_for_unknown(build):
     assert build("SYS_STATUS", power=Power(13.1, 4.2)).current_battery == -420
     assert build("SYS_STATUS", power=Power(13.1, 0.01)).current_battery == 0
     assert build("SYS_STATUS", power=Power(13.1)).current_battery == -1
     assert build("BATTERY_STATUS", power=Power(13.1, discharged=Flow(720.0, 60.0))).energy_consumed == 7
 
 
-def test_the_fence_is_reported_while_there_is_one_and_once_breached_ever_after(build):
-    there = MissionReport(identities=(0, 7, 0))
+def test_fence_status_is_sent_with_a_fence_or_after_a_breach(build):
+    fence = MissionReport(identities=(0, 7, 0))
     assert build("FENCE_STATUS") is None
-    whole = build("FENCE_STATUS", mission=there)
-    assert (whole.breach_status, whole.breach_count, whole.breach_type) == (0, 0, 0)
-    broken = build("FENCE_STATUS", mission=there, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
-    published = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
-    assert published == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
+    intact = build("FENCE_STATUS", mission=fence)
+    assert (intact.breach_status, intact.breach_count, intact.breach_type) == (0, 0, 0)
+    breached = build("FENCE_STATUS", mission=fence, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
+    values = (breached.breach_status, breached.breach_count, breached.breach_type, breached.breach_time)
+    assert values == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
     cleared = build("FENCE_STATUS", fence_breaches=(3, 12.5))
     assert (cleared.breach_status, cleared.breach_count, cleared.breach_type) == (0, 3, mavlink.FENCE_BREACH_NONE)
 
 
-def test_times(build):
+def test_system_time_is_zero_for_an_implausible_clock(build):
     time = build("SYSTEM_TIME", t_s=5_000_000.0)
     assert time.time_unix_usec == 1_700_000_000_000_000
     assert time.time_boot_ms == 5_000_000_000 % 2**32
-    assert build("SYSTEM_TIME", utc_s=4.3e9).time_unix_usec == 0  # a clock that shows what cannot be
+    assert build("SYSTEM_TIME", utc_s=4.3e9).time_unix_usec == 0
 
 
-def test_loop_health(build):
+def test_lateness_and_servo_temperature_are_sent(build):
     assert build("NAMED_VALUE_FLOAT LATE_MS").value == pytest.approx(0.5)
     assert build("NAMED_VALUE_FLOAT SKIPPED", skipped_total=7).value == 7
     assert build("NAMED_VALUE_FLOAT RUD_TEMP", servo=SERVO).value == 31
 
 
-def test_current_mode(build):
+def test_current_mode_contains_the_intended_mode(build):
     mode = build("CURRENT_MODE", mode=Mode.STEERING)
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
     mode = build("CURRENT_MODE", mode=Mode.AUTO)
     assert (mode.standard_mode, mode.custom_mode) == (6, 10)
-    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # the mode was not left by the operator
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # a fault changed the mode
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
 
 
-def test_names_fit_and_every_row_can_be_found():
+def test_names_are_short_and_the_index_is_complete():
     assert all(len(row.name.split()[-1]) <= 10 for row in TABLE if row.number == 251)
     assert sorted(index for rows in ROWS_OF.values() for index in rows) == list(range(len(TABLE)))
 
 
-NUMBER = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, 3.5e38, 1e-300])
-MAYBE = st.none() | NUMBER
-COUNT = st.integers(0, 2**70)
+NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, 3.5e38, 1e-300])
+OPTIONAL = st.none() | NUMBERS
+COUNTS = st.integers(0, 2**70)
 POSITIONS = st.builds(
-    PositionSample, NUMBER, st.sampled_from(FixType), MAYBE, MAYBE, MAYBE, MAYBE, MAYBE, st.none() | COUNT, MAYBE
+    PositionSample,
+    NUMBERS,
+    st.sampled_from(FixType),
+    OPTIONAL,
+    OPTIONAL,
+    OPTIONAL,
+    OPTIONAL,
+    OPTIONAL,
+    st.none() | COUNTS,
+    OPTIONAL,
 )
-SERVOS = st.builds(RudderFeedback, NUMBER, MAYBE, MAYBE, MAYBE, MAYBE)
+SERVOS = st.builds(RudderFeedback, NUMBERS, OPTIONAL, OPTIONAL, OPTIONAL, OPTIONAL)
 SNAPSHOTS = st.builds(
     Snapshot,
-    t_s=NUMBER, tick=COUNT, mode=st.sampled_from(Mode), armed=st.booleans(),
-    heading_rad=MAYBE, heading_ok=st.booleans(), yaw_rate_rad_s=MAYBE, roll_rad=MAYBE, pitch_rad=MAYBE,
-    goal_heading_rad=MAYBE, heading_error_rad=MAYBE, bearing_rad=MAYBE, distance_m=MAYBE,
-    rudder_rad=MAYBE, rudder_command_rad=NUMBER, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
+    t_s=NUMBERS, tick=COUNTS, mode=st.sampled_from(Mode), armed=st.booleans(),
+    heading_rad=OPTIONAL, heading_ok=st.booleans(), yaw_rate_rad_s=OPTIONAL, roll_rad=OPTIONAL, pitch_rad=OPTIONAL,
+    goal_heading_rad=OPTIONAL, heading_error_rad=OPTIONAL, bearing_rad=OPTIONAL, distance_m=OPTIONAL,
+    rudder_rad=OPTIONAL, rudder_command_rad=NUMBERS, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
     position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
-    rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER, home=st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER),
-    mission=st.builds(MissionReport, index=st.none() | COUNT, count=COUNT), prearm_refusal=st.text(max_size=5),
-    estimate=st.none() | st.builds(Estimate, st.integers(0, 3), *([NUMBER] * 17)),
-    water=st.none() | st.builds(Water, *([NUMBER] * 5)),
-    navigation=st.builds(Navigation, st.sampled_from(Activity), *([MAYBE] * 4), st.booleans(), st.booleans()),
+    rate_hz=NUMBERS, skipped_total=COUNTS, late_s=NUMBERS, home=st.none() | st.builds(Home, NUMBERS, NUMBERS, NUMBERS),
+    mission=st.builds(MissionReport, index=st.none() | COUNTS, count=COUNTS), prearm_refusal=st.text(max_size=5),
+    estimate=st.none() | st.builds(Estimate, st.integers(0, 3), *([NUMBERS] * 17)),
+    water=st.none() | st.builds(Water, *([NUMBERS] * 5)),
+    navigation=st.builds(Navigation, st.sampled_from(Activity), *([OPTIONAL] * 4), st.booleans(), st.booleans()),
 )  # fmt: skip
 
 
 @settings(max_examples=25)
-@given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
-def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
-    scene = TelemetryContext(snapshot, utc_s, 0.5, 3, load, refused)
+@given(SNAPSHOTS, NUMBERS, NUMBERS, COUNTS)
+def test_any_snapshot_is_packed_or_omitted(snapshot, utc_s, load, refused):
+    context = TelemetryContext(snapshot, utc_s, 0.5, 3, load, refused)
     for row in TABLE:
-        message = row.build(scene)
+        message = row.build(context)
         assert message is None or CODEC.pack(message).frame

@@ -1,4 +1,4 @@
-"""AIS_VESSEL: one vessel at a time, every one in turn, those that come near more often."""
+"""AIS_VESSEL: one vessel per message, approaching vessels more often."""
 
 import math
 from collections import Counter
@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
-from firmware_py.link.telemetry import vessels
 from firmware_py.link.telemetry.fields import TelemetryContext
+from firmware_py.link.telemetry.motion import ais_vessel
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec, stamp
 
@@ -19,22 +19,21 @@ SHIP = Vessel(
     ),
     VesselIdentity(1.0, 211000001, "ANNA OF THE SEVEN SE", "DA12345", 70, (511, 10, 63, 8)),
 )
-BARE = Vessel(VesselPosition(2.0, 7, VesselKind.MARK, 0.7, -0.2))
+MARK = Vessel(VesselPosition(2.0, 7, VesselKind.MARK, 0.7, -0.2))
 
 
 @pytest.fixture
-def reports(snapshot):
-    def message(t_s, *known):
-        traffic = Traffic(tuple(known)) if known else None
-        boat = msgspec.structs.replace(snapshot, t_s=t_s, traffic=traffic)
-        made = vessels.ais_vessel(TelemetryContext(boat, 1.7e9, 0.5, 3, 0.0, 0))
-        return None if made is None else CODEC.decode(stamp(CODEC.pack(made), 0))
+def build(snapshot):
+    def build_message(t_s, *vessels):
+        boat = msgspec.structs.replace(snapshot, t_s=t_s, traffic=Traffic(vessels) if vessels else None)
+        message = ais_vessel(TelemetryContext(boat, 1.7e9, 0.5, 3, 0.0, 0))
+        return None if message is None else CODEC.decode(stamp(CODEC.pack(message), 0))
 
-    return message
+    return build_message
 
 
-def test_all_that_is_known_is_reported_in_the_units_of_mavlink(reports):
-    ship = reports(12.4, SHIP)
+def test_fields_have_the_units_of_mavlink(build):
+    ship = build(12.4, SHIP)
     latitude, longitude = (round(math.degrees(angle_rad) * 1e7) for angle_rad in (0.7, -0.2))
     assert (ship.MMSI, ship.lat, ship.lon) == (211000001, latitude, longitude)
     assert (ship.COG, ship.heading, ship.velocity, ship.turn_rate) == (35999, round(math.degrees(1.0) * 100), 512, -20)
@@ -47,30 +46,26 @@ def test_all_that_is_known_is_reported_in_the_units_of_mavlink(reports):
     assert ship.flags == flags | mavlink.AIS_FLAGS_VALID_CALLSIGN
 
 
-def test_what_is_not_known_has_the_numbers_for_that(reports):
-    mark = reports(3.0, BARE)
+def test_unknown_values_have_the_numbers_for_unknown(build):
+    mark = build(3.0, MARK)
     assert (mark.COG, mark.heading, mark.velocity, mark.turn_rate) == (65535, 65535, 65535, 127)
-    assert (mark.dimension_bow, mark.dimension_stern, mark.dimension_port, mark.dimension_starboard) == (
-        65535,
-        65535,
-        255,
-        255,
-    )
+    dimensions = (mark.dimension_bow, mark.dimension_stern, mark.dimension_port, mark.dimension_starboard)
+    assert dimensions == (65535, 65535, 255, 255)
     assert (mark.navigational_status, mark.name, mark.callsign, mark.flags) == (15, "", "", 0)
 
 
-def test_nothing_is_reported_where_no_peer_was_heard(reports):
-    assert reports(1.0) is None
+def test_message_is_not_sent_without_vessels(build):
+    assert build(1.0) is None
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 0.25, 1.0, 5.0, 10.0])
 @pytest.mark.parametrize("count", [2, 5, 10, 100])
-def test_every_vessel_has_its_turn_at_any_interval(reports, interval_s, count):
+def test_every_interval_reaches_all_vessels_and_approaching_ones_more_often(build, interval_s, count):
     fleet = [
-        msgspec.structs.replace(BARE, position=msgspec.structs.replace(BARE.position, mmsi=at + 1))
-        for at in range(count)
+        msgspec.structs.replace(MARK, position=msgspec.structs.replace(MARK.position, mmsi=index + 1))
+        for index in range(count)
     ]
     fleet[1] = msgspec.structs.replace(fleet[1], near_s=0.0)
-    turns = Counter(reports(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
+    turns = Counter(build(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
     assert set(turns) == set(range(1, count + 1))
     assert turns[2] > 4 * count

@@ -1,4 +1,4 @@
-"""The codec against pymavlink, and the added messages against the published definitions."""
+"""Comparison of the codec with pymavlink, and of the added messages with the published definitions."""
 
 import struct
 import subprocess
@@ -7,12 +7,11 @@ import sys
 import pytest
 
 from firmware_py.link.signing import EPOCH_S, Signing
-from firmware_py.link.wire.dialect import ADDITIONS, mavlink, text_of
+from firmware_py.link.wire.dialect import ADDITIONS, encode_text, mavlink
 from firmware_py.link.wire.frames import Codec, stamp
 from support.paths import DATA
 
 DEFINITIONS = DATA / "mavlink" / "definitions"
-
 
 MESSAGES = {
     "numbers, the last of them 0": mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
@@ -23,25 +22,28 @@ MESSAGES = {
 }
 
 
-@pytest.mark.parametrize("sequence", [0, 77, 255])
-@pytest.mark.parametrize("kind", MESSAGES)
-def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(kind, sequence):
-    message = MESSAGES[kind]
+def make_sender(sequence=77):
     sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
     sender.seq = sequence
-    assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(sender)
+    return sender
 
 
-def test_this_pymavlink_is_packed_for_quickly():
-    assert Codec(9, 1).quick
+@pytest.mark.parametrize("sequence", [0, 77, 255])
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_stamped_frame_equals_that_of_pymavlink(kind, sequence):
+    message = MESSAGES[kind]
+    assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(make_sender(sequence))
 
 
-def test_a_signed_frame_is_what_pymavlink_signs():
+def test_installed_pymavlink_can_pack_the_payload_only():
+    assert Codec(9, 1).packs_payload_only
+
+
+def test_signed_frame_equals_that_of_pymavlink():
     signing = Signing(lambda: EPOCH_S + 1e6, lambda *_, **__: None)
     signing.set_key(bytes(range(32)), 0)
     for message in MESSAGES.values():
-        sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
-        sender.seq = 77
+        sender = make_sender()
         frame = signing.seal(Codec(9, 1).pack(message), 77, 3)
         sender.signing.secret_key, sender.signing.link_id, sender.signing.sign_outgoing = bytes(range(32)), 3, True
         sender.signing.timestamp = int.from_bytes(frame[-12:-6], "little")
@@ -51,60 +53,54 @@ def test_a_signed_frame_is_what_pymavlink_signs():
 PAYLOADS = {type(message): message.pack(mavlink.MAVLink(None))[10:-2] for message in MESSAGES.values()}
 
 
-def packed_past_the_instance(message, mav):
-    """Pack by a function that is not looked up in the message."""
+def pack_by_class_method(message, mav):
+    """Pack with a function that is not looked up in the message."""
     return mavlink.MAVLink_message._pack(message, mav, message.crc_extra, PAYLOADS[type(message)])
 
 
-def packed_and_then_more(message, mav):
-    """Pack by the method of the message, and then add to what it returns."""
+def pack_with_another_payload(message, mav):
+    """Call the method of the message, but pack a longer payload."""
     payload = PAYLOADS[type(message)]
-    once = message._pack(mav, message.crc_extra, payload)
-    return mavlink.MAVLink_message._pack(message, mav, message.crc_extra, payload + b"\7") if mav else once
+    packed = message._pack(mav, message.crc_extra, payload)
+    return mavlink.MAVLink_message._pack(message, mav, message.crc_extra, payload + b"\7") if mav else packed
 
 
-@pytest.mark.parametrize("pack", [packed_past_the_instance, packed_and_then_more])
-def test_a_pymavlink_that_packs_otherwise_packs_whole_messages(monkeypatch, pack):
-    own = {row.number for row in ADDITIONS}
+@pytest.mark.parametrize("pack", [pack_by_class_method, pack_with_another_payload])
+def test_pymavlink_with_another_packing_packs_complete_messages(monkeypatch, pack):
+    added_numbers = {row.number for row in ADDITIONS}
     for message in MESSAGES.values():
-        if type(message).id not in own:
+        if type(message).id not in added_numbers:
             monkeypatch.setattr(type(message), "pack", pack)
     codec = Codec(9, 1)
-    assert not codec.quick
+    assert not codec.packs_payload_only
     for message in MESSAGES.values():
-        sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
-        sender.seq = 77
-        assert stamp(codec.pack(message), 77) == message.pack(sender)
+        assert stamp(codec.pack(message), 77) == message.pack(make_sender())
 
 
-def test_a_pymavlink_without_the_method_packs_whole_messages(monkeypatch):
+def test_pymavlink_without_the_private_method_packs_complete_messages(monkeypatch):
     expected = {}
     for kind, message in MESSAGES.items():
-        expected[kind] = message.pack(mavlink.MAVLink(None, srcSystem=9, srcComponent=1))
+        expected[kind] = message.pack(make_sender(0))
         monkeypatch.setattr(type(message), "pack", lambda _message, _mav, frame=expected[kind]: frame)
     monkeypatch.delattr(mavlink.MAVLink_message, "_pack")
     codec = Codec(9, 1)
-    assert not codec.quick
+    assert not codec.packs_payload_only
     assert {kind: stamp(codec.pack(message), 0) for kind, message in MESSAGES.items()} == expected
 
 
 @pytest.mark.parametrize("data", [bytes(90), bytes(range(1, 91)), b"\1" + bytes(89)])
-def test_a_payload_laid_out_by_hand_is_what_pymavlink_packs(data):
-    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
-    sender.seq = 7
+def test_packed_payload_equals_that_of_pymavlink(data):
     payload = struct.pack("<IHB", 180, 3, 90) + data
-    assert stamp(Codec(9, 1).pack_payload(120, payload), 7) == mavlink.MAVLink_log_data_message(3, 180, 90, data).pack(
-        sender
-    )
+    expected = mavlink.MAVLink_log_data_message(3, 180, 90, data).pack(make_sender(7))
+    assert stamp(Codec(9, 1).pack_payload(120, payload), 7) == expected
 
 
-def test_a_payload_of_zeros_alone_keeps_one():
-    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
-    expected = mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0).pack(sender)
+def test_payload_of_zeros_is_truncated_to_one_byte():
+    expected = mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0).pack(make_sender(0))
     assert stamp(Codec(9, 1).pack_payload(118, bytes(14)), 0) == expected
 
 
-def test_a_decoded_message_has_the_fields_it_was_packed_with():
+def test_decoded_message_has_the_packed_fields():
     codec = Codec(1, 1)
     packed = codec.pack(mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"))
     message = codec.decode(stamp(packed, 0))
@@ -112,12 +108,12 @@ def test_a_decoded_message_has_the_fields_it_was_packed_with():
     assert (message.properties, message.mode_name) == (4, b"GUIDED")
 
 
-def test_a_broken_frame_decodes_to_nothing():
+def test_damaged_frame_is_not_decoded():
     assert Codec(1, 1).decode(b"\xfd\x01\x00\x00\x00\x01\x01\x00\x00\x00\x00\x00\x00") is None
 
 
-@pytest.mark.skipif(not DEFINITIONS.is_dir(), reason="the published definitions (../shared) are not here")
-def test_the_added_messages_are_those_of_the_published_definitions(capsys):
+@pytest.mark.skipif(not DEFINITIONS.is_dir(), reason="the published definitions (../shared) are missing")
+def test_added_messages_equal_the_published_definitions():
     mavparse = pytest.importorskip("pymavlink.generator.mavparse")
     published = {}
     for name in ("minimal.xml", "standard.xml", "common.xml"):
@@ -138,10 +134,10 @@ def test_the_added_messages_are_those_of_the_published_definitions(capsys):
         assert mavlink.mavlink_map[row.number].unpacker.size == message.wire_length
 
 
-def test_the_link_does_not_pull_in_mavutil():
+def test_link_does_not_import_mavutil():
     script = "import sys, firmware_py.link.endpoint; sys.exit('pymavlink.mavutil' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
 
-def test_a_text_is_cut_and_made_ascii():
-    assert text_of("Höhe" * 9, 5) == b"H?heH"
+def test_text_is_truncated_and_encoded_as_ascii():
+    assert encode_text("Höhe" * 9, 5) == b"H?heH"

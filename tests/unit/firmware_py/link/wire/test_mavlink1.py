@@ -1,4 +1,4 @@
-"""A station that speaks MAVLink 1 only is answered in it; one that knows more, never."""
+"""Replies in MAVLink 1 to a station that supports MAVLink 1 only."""
 
 import pytest
 from pymavlink.dialects.v10 import common as mavlink1
@@ -17,12 +17,12 @@ NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
 
 @pytest.fixture(scope="module")
 def sent_numbers():
-    """Numbers of all messages that the boat sends; a fixture, since the sources of the link are parsed for them."""
+    """Numbers of all messages that the boat sends, from the sources of the link."""
     return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in list_replies()})
 
 
-class OldStation:
-    """Packs and understands MAVLink 1 alone."""
+class Mavlink1Station:
+    """Ground station that packs and decodes MAVLink 1 only."""
 
     def __init__(self, rig):
         self.rig = rig
@@ -30,114 +30,114 @@ class OldStation:
         self.protocol = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
         self.protocol.robust_parsing = True
 
-    def tell(self, *messages):
+    def send(self, *messages):
+        """Send messages; return the replies in MAVLink 1."""
         self.rig.transport.inbox.append(("station", b"".join(message.pack(self.protocol) for message in messages)))
         self.rig.endpoint.service(self.rig.now_s, [self.rig.transport.descriptor])
         while self.rig.endpoint.busy:
             self.rig.endpoint.service(self.rig.now_s, [])
-        return self.understood()
+        return self.receive()
 
-    def understood(self):
+    def receive(self):
         sent, self.rig.transport.sent = self.rig.transport.sent, []
         messages = self.protocol.parse_buffer(b"".join(data for _, data in sent)) or []
-        return [message for message in messages if message.get_msgbuf()[0] == 0xFE]  # it knows the other, too
+        return [message for message in messages if message.get_msgbuf()[0] == 0xFE]  # pymavlink decodes both versions
 
-    def seconds(self, count):
+    def run(self, seconds):
+        """Send a heartbeat each second; return the replies."""
         replies = []
-        for _ in range(count):
-            replies += self.tell(BEAT)
+        for _ in range(seconds):
+            replies += self.send(BEAT)
             for _ in range(10):
                 self.rig.tick_silently()
-            replies += self.understood()
+            replies += self.receive()
         return replies
 
 
 @pytest.fixture
-def old(rig):
-    return OldStation(rig)
+def station(rig):
+    return Mavlink1Station(rig)
 
 
-def test_it_is_answered_in_what_it_understands(old):
-    reports = "".join(message.text for message in of_type(old.seconds(15), "STATUSTEXT"))
+def test_station_receives_replies_and_telemetry_in_mavlink1(station):
+    reports = "".join(message.text for message in of_type(station.run(15), "STATUSTEXT"))
     assert reports.count("MAVLink 1 in use: fence, rally and signing need MAVLink 2") == 1
-    replies = old.seconds(5)
+    replies = station.run(5)
     assert len(of_type(replies, "HEARTBEAT")) == 5
     assert len(of_type(replies, "ATTITUDE")) > 5
-    (value,) = of_type(old.tell(READ), "PARAM_VALUE")
+    (value,) = of_type(station.send(READ), "PARAM_VALUE")
     assert value.param_id == "CTL_K1"
-    (ack,) = of_type(old.tell(HOME), "COMMAND_ACK")
+    (ack,) = of_type(station.send(HOME), "COMMAND_ACK")
     assert ack.command == 410
 
 
-def test_a_mission_comes_down_and_goes_up(old):
-    old.seconds(15)
-    count = mavlink1.MAVLink_mission_count_message(1, 1, 2)
-    item = mavlink1.MAVLink_mission_item_int_message
-    (request,) = [each for each in old.tell(count) if "REQUEST" in each.get_type()]
+def test_mission_is_uploaded_and_downloaded_in_mavlink1(station):
+    station.run(15)
+    make_item = mavlink1.MAVLink_mission_item_int_message
+    replies = station.send(mavlink1.MAVLink_mission_count_message(1, 1, 2))
+    (request,) = [message for message in replies if "REQUEST" in message.get_type()]
     assert request.seq == 0
     for sequence in range(2):
-        place = (360_000_000 + sequence, 1_210_000_000, 0.0)
-        replies = old.tell(item(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place))
+        position = (360_000_000 + sequence, 1_210_000_000, 0.0)
+        replies = station.send(make_item(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *position))
     (ack,) = of_type(replies, "MISSION_ACK")
     assert ack.type == 0
-    (count,) = of_type(old.tell(mavlink1.MAVLink_mission_request_list_message(1, 1)), "MISSION_COUNT")
+    (count,) = of_type(station.send(mavlink1.MAVLink_mission_request_list_message(1, 1)), "MISSION_COUNT")
     assert count.count == 2
-    (item,) = of_type(old.tell(mavlink1.MAVLink_mission_request_int_message(1, 1, 1)), "MISSION_ITEM_INT")
+    (item,) = of_type(station.send(mavlink1.MAVLink_mission_request_int_message(1, 1, 1)), "MISSION_ITEM_INT")
     assert item.x == 360_000_001
 
 
-def test_who_begins_in_it_until_it_has_heard_it_is_answered_in_mavlink_2(rig, old):
-    old.seconds(5)
+def test_station_that_changes_to_mavlink2_early_receives_mavlink2(rig, station):
+    station.run(5)
     for _ in range(30):
         rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
         rig.tick(seconds=1.0)
     rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1))
-    assert old.seconds(5) == []
+    assert station.run(5) == []
 
 
-def test_one_frame_in_mavlink_2_is_enough_and_it_offers_it_now_and_then(rig, old):
-    old.seconds(15)
-    offered = []
+def test_some_heartbeats_offer_mavlink2_and_one_frame_in_it_is_sufficient(rig, station):
+    station.run(15)
+    offers = 0
     for _ in range(20):
-        old.seconds(1)  # takes what was sent
+        station.run(1)
         for _ in range(10):
             rig.tick_silently()
-        data = b"".join(data for _, data in rig.transport.sent)
-        offered.append(data.count(b"\xfd\x09\x00\x00"))
-    assert sum(offered) >= 1
+        offers += sum(data.count(b"\xfd\x09\x00\x00") for _, data in rig.transport.sent)
+    assert offers >= 1
     rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     rig.tick_silently()
     assert {data[0] for _, data in rig.transport.sent} == {0xFD}
 
 
-def test_radio_status_of_a_modem_says_nothing_of_who_is_behind_it(make_rig):
-    rig = make_rig(byte_rate=5760.0, radio=True, datagrams=False)
-    old = OldStation(rig)
-    status = mavlink1.MAVLink_radio_status_message(150, 150, 100, 40, 40, 0, 0)
+def test_radio_status_of_the_modem_does_not_select_mavlink1(make_rig):
+    rig = make_rig(byte_rate=5760.0, has_radio_rates=True, is_datagram=False)
+    station = Mavlink1Station(rig)
     for _ in range(30):
-        old.tell(status)
+        station.send(mavlink1.MAVLink_radio_status_message(150, 150, 100, 40, 40, 0, 0))
         rig.tick_silently(seconds=1.0)
     assert {data[0] for _, data in rig.transport.sent} == {0xFD}
 
 
-def test_shut_out_by_a_parameter_it_is_answered_nothing(rig, old):
+def test_parameter_disables_mavlink1(rig, station):
     rig.request_handler.values = rig.request_handler.values.replaced("LNK_MAVLINK1", 0.0)
     rig.tick()
-    assert old.seconds(20) == []
+    assert station.run(20) == []
 
 
-def test_each_message_of_the_boat_has_the_length_that_mavlink_1_gives_it(sent_numbers):
-    known = [number for number in sent_numbers if number in mavlink1.mavlink_map]
-    assert len(known) > 30
-    for number in known:
+def test_converted_messages_have_the_length_of_mavlink1(sent_numbers):
+    numbers = [number for number in sent_numbers if number in mavlink1.mavlink_map]
+    assert len(numbers) > 30
+    for number in numbers:
         size = mavlink1.mavlink_map[number].unpacker.size
         frame = stamp(to_mavlink1(Codec(1, 1).pack_payload(number, bytes(range(1, 256))[:size])), 7)
         decoded = mavlink1.MAVLink(None).decode(bytearray(frame))
         assert (decoded.get_msgId(), decoded.get_seq(), decoded.get_srcSystem()) == (number, 7, 1)
 
 
-def test_a_message_without_a_number_in_mavlink_1_is_left_out(sent_numbers):
-    later = [number for number in sent_numbers if number > 255]
-    assert later
-    for number in later:
+def test_messages_that_mavlink1_lacks_are_not_converted(sent_numbers):
+    numbers = [number for number in sent_numbers if number > 255]
+    assert numbers
+    for number in numbers:
         assert to_mavlink1(Codec(1, 1).pack_payload(number, b"x")) is None, number

@@ -1,4 +1,4 @@
-"""A link whose address is not to be had yet."""
+"""Serial lines, and sockets that cannot be opened immediately."""
 
 import socket
 import threading
@@ -6,94 +6,117 @@ from contextlib import closing
 
 import pytest
 
-from firmware_py.link.wire.open_transport import LateTransport, open_transport
+from firmware_py.link.wire.open_transport import RetriedTransport, open_transport
 from firmware_py.link.wire.transport_udp import UdpTransport
 from firmware_py.link.wire.urls import LinkError, parse_url
+from support.line import FakeLine
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 
 
 @pytest.fixture
-def taken():
-    """A port that another program has."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.1", 0))
-        yield holder
+def line():
+    return FakeLine(name="/dev/ttyX")
 
 
-def url_of(holder):
-    return f"udpin:127.0.0.1:{holder.getsockname()[1]}"
+@pytest.mark.parametrize(("baud", "is_radio"), [(9600, True), (57600, True), (115200, True), (921600, False)])
+def test_serial_line_is_opened_with_its_baud_rate(line, baud, is_radio):
+    calls = []
+    transport = open_transport(f"serial:/dev/ttyX:{baud}", lambda path, rate: calls.append((path, rate)) or line)
+    assert calls == [("/dev/ttyX", baud)]
+    assert (transport.byte_rate, transport.has_radio_rates) == (baud / 10, is_radio)
 
 
-def test_who_does_not_wait_is_refused_and_who_waits_is_reported_why(taken):
+def test_serial_line_exchanges_bytes_until_it_is_unplugged(line):
+    transport = open_transport("serial:/dev/ttyX:57600", lambda *_: line)
+    (address,) = transport.addresses()
+    line.inbox += b"in"
+    assert transport.receive(7) == ((address, b"in"),)
+    assert transport.receive(7) == ()
+    assert transport.send(address, b"out")
+    assert line.written == [b"out"]
+    line.unplug()
+    assert transport.descriptors() == ()
+    assert not transport.send(address, b"out")
+
+
+@pytest.fixture
+def occupied_url():
+    """URL of a port that another socket uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        yield f"udpin:127.0.0.1:{other.getsockname()[1]}"
+
+
+def test_occupied_port_is_an_error_or_with_retry_a_report(occupied_url):
     with pytest.raises(LinkError, match="already in use"):
-        open_transport(url_of(taken), None)
+        open_transport(occupied_url, None)
     reports = []
-    with closing(open_transport(url_of(taken), None, say=reports.append)) as link:
+    with closing(open_transport(occupied_url, None, report_retry=reports.append)) as link:
         assert (link.descriptors(), link.addresses(), link.connections()) == ((), (), ())
-        assert not link.send("anybody", b"x")
+        assert not link.send("station", b"x")
         link.poll(0.0)
     (text,) = reports
     assert "already in use" in text
     assert text.endswith("; it is tried again")
 
 
-def test_what_can_be_opened_is_opened_at_once():
+def test_free_port_is_opened_at_once_without_a_report():
     reports = []
-    with closing(open_transport("udpout:127.0.0.1:14550", None, say=reports.append)) as link:
+    with closing(open_transport("udpout:127.0.0.1:14550", None, report_retry=reports.append)) as link:
         assert isinstance(link, UdpTransport)
     assert reports == []
 
 
 @pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=none"])
-def test_a_url_that_says_nothing_is_refused_anyone_who_waits(url):
+def test_invalid_url_is_an_error_even_with_retry(url):
     with pytest.raises(LinkError):
-        open_transport(url, None, say=print)
+        open_transport(url, None, report_retry=print)
 
 
-def test_it_is_the_link_from_when_it_can_be_opened():
-    url, tried, found = parse_url("udpout:127.0.0.1:14550"), [], threading.Event()
+def test_retried_transport_delegates_after_it_is_opened():
+    url, attempts, is_opened = parse_url("udpout:127.0.0.1:14550"), [], threading.Event()
 
     def open_now():
-        tried.append(url)
-        if len(tried) < 3:
+        attempts.append(url)
+        if len(attempts) < 3:
             raise LinkError("not yet")
-        found.set()
+        is_opened.set()
         return UdpTransport(url)
 
-    with closing(LateTransport(url, open_now, retry_s=0.001)) as link:
-        assert found.wait(PATIENCE_S)
+    with closing(RetriedTransport(url, open_now, retry_s=0.001)) as link:
+        assert is_opened.wait(TIMEOUT_S)
         while link.opened is None:
             pass
         assert link.addresses() == link.opened.addresses() == (("127.0.0.1", 14550),)
         assert link.descriptors() == link.opened.descriptors()
-        assert (link.name, link.options, link.datagrams) == (url.text, url.options, True)
-    assert len(tried) == 3
+        assert (link.name, link.options, link.is_datagram) == (url.text, url.options, True)
+    assert len(attempts) == 3
 
 
-def test_a_name_server_that_says_nothing_holds_up_no_peer(monkeypatch):
-    monkeypatch.setattr("firmware_py.link.wire.open_transport.FIRST_TRY_S", 0.001)
-    answer = threading.Event()
+def test_silent_name_server_does_not_block_the_caller(monkeypatch):
+    monkeypatch.setattr("firmware_py.link.wire.open_transport.MAX_FIRST_WAIT_S", 0.001)
+    reply = threading.Event()
 
     def open_now():
-        assert answer.wait(PATIENCE_S)
+        assert reply.wait(TIMEOUT_S)
         return UdpTransport(parse_url("udpout:127.0.0.1:14550"))
 
-    link = LateTransport(parse_url("udpout:station.example:14550"), open_now)
+    link = RetriedTransport(parse_url("udpout:station.example:14550"), open_now)
     assert link.opened is None
     assert "station.example" in link.problem
     link.close()
-    answer.set()
+    reply.set()
 
 
 @pytest.mark.parametrize(
-    ("url", "exposed"),
+    ("url", "is_exposed"),
     [("udpin:192.0.2.1:14550", True), ("tcpin:0.0.0.0:5760", True), ("tcpin:127.0.0.1:5760", False),
      ("tcpout:192.0.2.1:5760", False)],
 )  # fmt: skip
-def test_a_link_that_will_listen_to_others_wants_a_key_before_it_does(url, exposed):
+def test_unopened_transport_is_exposed_if_other_computers_will_reach_it(url, is_exposed):
     def open_now():
         raise LinkError("not yet")
 
-    with closing(LateTransport(parse_url(url), open_now)) as link:
-        assert link.exposed is exposed
+    with closing(RetriedTransport(parse_url(url), open_now)) as link:
+        assert link.is_exposed is is_exposed

@@ -1,12 +1,15 @@
-"""What leaves, in which order, and never faster than the line."""
+"""Order, rate and capacity of the messages to one peer, and the share for long transfers."""
 
 import random
 
+import pytest
+
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec
-from firmware_py.link.wire.outbox import Outbox, Priority
+from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority
 
 CODEC = Codec(1, 1)
+FRAME_BYTES = 110
 
 
 def message(text=b"x" * 40):
@@ -27,8 +30,17 @@ class Line:
         return mavlink.MAVLink(None).parse_buffer(self.data) or []
 
 
-def test_sequence_numbers_have_no_gaps_even_where_messages_were_dropped():
-    line = Line()
+@pytest.fixture
+def line():
+    return Line()
+
+
+@pytest.fixture
+def outbox(line):
+    return Outbox(line, None)
+
+
+def test_dropped_messages_leave_no_gaps_in_the_sequence_numbers(line):
     outbox = Outbox(line, 100.0)
     for tick in range(100):
         for _ in range(4):
@@ -40,13 +52,13 @@ def test_sequence_numbers_have_no_gaps_even_where_messages_were_dropped():
     assert outbox.dropped > 0
 
 
-def test_the_line_is_never_asked_for_more_than_it_carries():
-    rnd = random.Random(5)
-    line, now_s, rate = Line(), 0.0, 960.0
+def test_rate_of_a_line_is_used_and_not_exceeded(line):
+    rng = random.Random(5)
+    now_s, rate = 0.0, 960.0
     outbox = Outbox(line, rate)
     sent = [(0.0, 0)]
     for _ in range(2000):
-        now_s += rnd.expovariate(20.0)
+        now_s += rng.expovariate(20.0)
         for priority in Priority:
             outbox.push(message(), priority)
         outbox.flush(now_s)
@@ -58,44 +70,75 @@ def test_the_line_is_never_asked_for_more_than_it_carries():
     assert len(line.data) > 0.9 * rate * now_s
 
 
-def test_urgent_goes_first():
-    line = Line()
-    outbox = Outbox(line, None)
+def test_messages_are_sent_in_order_of_priority(line, outbox):
     for priority in (Priority.TELEMETRY, Priority.REPLY, Priority.URGENT):
         outbox.push(message(priority.name.encode()), priority)
     outbox.flush(0.0)
     assert [frame.text for frame in line.frames()] == ["URGENT", "REPLY", "TELEMETRY"]
 
 
-def test_a_blocked_line_keeps_answers_drops_telemetry_and_loses_no_sequence_number():
-    line = Line()
-    outbox = Outbox(line, None)
+def test_blocked_line_keeps_replies_and_drops_telemetry(line, outbox):
     line.is_writable = False
-    outbox.push(message(b"answer"), Priority.REPLY)
+    outbox.push(message(b"reply"), Priority.REPLY)
     outbox.push(message(b"telemetry"), Priority.TELEMETRY)
     outbox.flush(0.0)
     line.is_writable = True
     outbox.flush(1.0)
-    assert [(frame.text, frame.get_seq()) for frame in line.frames()] == [("answer", 0)]
+    assert [(frame.text, frame.get_seq()) for frame in line.frames()] == [("reply", 0)]
 
 
-def test_what_could_not_leave_for_long_is_forgotten():
-    line = Line()
-    outbox = Outbox(line, None)
+@pytest.mark.parametrize(("blocked_s", "is_kept"), [(3.0, True), (3.1, False)])
+def test_messages_are_dropped_after_a_line_was_blocked_for_three_seconds(line, outbox, blocked_s, is_kept):
     line.is_writable = False
     outbox.push(message(b"old"), Priority.URGENT)
     outbox.flush(0.0)
-    outbox.flush(60.0)
+    outbox.flush(blocked_s)
     line.is_writable = True
     outbox.push(message(b"new"), Priority.URGENT)
     outbox.flush(60.1)
-    assert [frame.text for frame in line.frames()] == ["new"]
+    assert [frame.text for frame in line.frames()] == ["old", "new"][not is_kept :]
 
 
-def test_the_queues_are_bounded():
+def test_queues_are_limited():
     outbox = Outbox(lambda _: False, None)
     for _ in range(10_000):
         for priority in Priority:
             outbox.push(message(), priority)
-    assert outbox.waiting(Priority.TELEMETRY) < 300
+    assert outbox.queued_count(Priority.TELEMETRY) < 300
     assert outbox.dropped > 29_000
+
+
+def test_transfer_over_a_network_continues_at_once_while_no_reply_is_queued():
+    share = BulkShare(None)
+    assert share.max_frames(FRAME_BYTES, 0, 0.0) > 0
+    assert share.max_frames(FRAME_BYTES, 1, 0.0) == 0
+    share.mark_unfinished()
+    assert share.can_continue
+
+
+@pytest.mark.parametrize("byte_rate", [120.0, 960.0, 5760.0, 92160.0])
+def test_transfer_over_a_line_uses_70_percent_of_its_rate(byte_rate):
+    share, sent = BulkShare(byte_rate), 0
+    for tick in range(600):
+        frames = share.max_frames(FRAME_BYTES, 0, 0.1 * tick)
+        share.spend(frames * FRAME_BYTES)
+        sent += frames * FRAME_BYTES
+    assert sent == pytest.approx(0.7 * byte_rate * 60.0, rel=0.05)
+    share.mark_unfinished()
+    assert not share.can_continue
+
+
+def test_idle_line_accumulates_a_quarter_second_and_a_stopped_clock_nothing():
+    share = BulkShare(5760.0)
+    assert share.max_frames(FRAME_BYTES, 0, 0.0) == 0
+    assert share.max_frames(FRAME_BYTES, 0, 1e6) <= 0.25 * 5760.0 / FRAME_BYTES
+    share.spend(10 * FRAME_BYTES)
+    assert share.max_frames(FRAME_BYTES, 0, 1e6) <= 0
+    assert share.max_frames(FRAME_BYTES, 0, 0.0) <= 0
+
+
+def test_queued_replies_reduce_the_frames_of_a_transfer():
+    share = BulkShare(1e6)
+    share.max_frames(FRAME_BYTES, 0, 0.0)
+    assert share.max_frames(FRAME_BYTES, 60, 10.0) == 4
+    assert share.max_frames(FRAME_BYTES, 64, 10.0) == 0

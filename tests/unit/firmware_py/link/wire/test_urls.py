@@ -1,4 +1,4 @@
-"""The options behind the question mark of a link's URL."""
+"""URLs of links and their options."""
 
 import pytest
 
@@ -7,25 +7,70 @@ from firmware_py.link.wire.urls import (
     LinkClass,
     LinkError,
     LinkOptions,
+    LinkUrl,
     OptionError,
     Policy,
     parse_options,
     parse_url,
 )
 
+BY_PATH = "/dev/serial/by-path/x-usb-0:1.2:1.0-port0"
 
-def test_all_options():
+
+@pytest.mark.parametrize(
+    ("text", "kind", "host", "number"),
+    [
+        ("udpout:127.0.0.1:14550", "udpout", "127.0.0.1", 14550),
+        ("udpin:0.0.0.0:14550", "udpin", "0.0.0.0", 14550),
+        ("udp:0.0.0.0:1", "udpin", "0.0.0.0", 1),
+        ("tcpin:127.0.0.1:5760", "tcpin", "127.0.0.1", 5760),
+        ("tcp:boat.local:65535", "tcpout", "boat.local", 65535),
+        ("tcpout:10.0.0.1:5760", "tcpout", "10.0.0.1", 5760),
+        ("serial:/dev/ttyS0:57600", "serial", "/dev/ttyS0", 57600),
+        (f"serial:{BY_PATH}:115200", "serial", BY_PATH, 115200),
+    ],
+)
+def test_valid_url_is_parsed(text, kind, host, number):
+    assert parse_url(text) == LinkUrl(kind, host, number, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "not a kind of link"),
+        ("14550", "not a kind of link"),
+        ("http://x:1", "not a kind of link"),
+        ("udpout:127.0.0.1", "port is missing"),
+        ("udpin:0.0.0.0:0000145509", "is not a port"),  # 145509, but the first nine digits are a valid port
+        (f"udpin:0.0.0.0:000014550{'9' * 5000}", "is not a port"),
+        ("udpout::14550", "port is missing"),
+        ("udpin:0.0.0.0:0", "whole number from 1 to 65535"),
+        ("udpin:0.0.0.0:65536", "whole number"),
+        ("udpin:0.0.0.0:1e3", "whole number"),
+        ("udpin:0.0.0.0:-5", "whole number"),
+        ("udpin:0.0.0.0:\u0663", "whole number"),
+        ("tcpin:h:99999999999999999999", "whole number"),
+        ("serial:/dev/ttyS0", "baud rate is missing"),
+        ("sbd:", "path is missing"),
+        ("serial:/dev/ttyS0:fast", "whole number from 300"),
+    ],
+)
+def test_invalid_url_is_rejected_in_one_line_with_a_remedy(text, reason):
+    with pytest.raises(LinkError, match=reason) as caught:
+        parse_url(text)
+    assert "use " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_all_options_are_parsed():
     url = parse_url("udpin:0.0.0.0:14550?trusted=1&policy=signed-commands&class=satellite&systems=255,250")
     assert (url.kind, url.host, url.number) == ("udpin", "0.0.0.0", 14550)
     assert url.options == LinkOptions(
-        trusted=True,
-        policy=Policy.SIGNED_COMMANDS,
-        link_class=LinkClass.SATELLITE,
-        systems=frozenset({255, 250}),
+        trusted=True, policy=Policy.SIGNED_COMMANDS, link_class=LinkClass.SATELLITE, systems=frozenset({255, 250})
     )
 
 
-def test_without_options_all_is_as_ever():
+def test_url_without_options_has_the_defaults():
     assert parse_url("serial:/dev/ttyS0:57600").options == PLAIN
     assert LinkOptions(trusted=False, policy=Policy.AUTO, link_class=None, systems=None) == PLAIN
 
@@ -33,14 +78,14 @@ def test_without_options_all_is_as_ever():
 @pytest.mark.parametrize(
     ("text", "rates"), [("class=fast", False), ("class=radio", True), ("class=satellite", True), ("trusted=no", None)]
 )
-def test_the_class_of_a_link_goes_over_what_its_kind_suggests(text, rates):
+def test_class_option_overrides_the_default_rates(text, rates):
     options = parse_options(text)
-    for usual in (False, True):
-        assert options.at_radio_rates(usual=usual) is (usual if rates is None else rates)
+    for default in (False, True):
+        assert options.uses_radio_rates(default=default) is (default if rates is None else rates)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "reason"),
     [
         ("", "is not known; there are trusted, policy"),
         ("polcy=open", "did you mean 'policy'"),
@@ -57,15 +102,15 @@ def test_the_class_of_a_link_goes_over_what_its_kind_suggests(text, rates):
         ("systems=99999999999999999999", "system ids from 1 to 255"),
         (f"systems=0001{'9' * 5000}", "system ids from 1 to 255"),
         ("\1" * 5000, "is not known"),
-        ("\0" * 5000, "is not known|holds a NUL"),  # which no URL may, whatever its options
+        ("\0" * 5000, "is not known|contains a NUL"),  # a NUL is not allowed anywhere in a URL
         ("trusted=1&trusted=1", "given twice"),
         ("trusted=1&", "is not known"),
     ],
 )
-def test_a_wrong_option_is_one_line_that_says_what_is_allowed(text, says):
-    with pytest.raises(OptionError, match=says):
+def test_invalid_option_is_rejected_in_one_line_with_the_allowed_values(text, reason):
+    with pytest.raises(OptionError, match=reason):
         parse_options(text)
-    with pytest.raises(LinkError, match=says) as caught:
+    with pytest.raises(LinkError, match=reason) as caught:
         parse_url(f"udpin:0.0.0.0:14550?{text}")
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000

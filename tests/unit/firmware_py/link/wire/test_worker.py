@@ -1,4 +1,4 @@
-"""Disk work in the background: results come on the caller's thread, and there is never too much of it."""
+"""Background thread for disk work."""
 
 import os
 import select
@@ -10,74 +10,74 @@ from firmware_py.link.wire.worker import Worker
 
 
 @pytest.fixture
-def worker():
-    made = Worker(background=True)
-    yield made
-    made.close()
+def worker(closing_later):
+    return closing_later(Worker(background=True))
 
 
-def wait(worker):
-    assert select.select([worker.fileno()], [], [], 10.0)[0]
+def is_ready(worker, timeout_s):
+    return bool(select.select([worker.fileno()], [], [], timeout_s)[0])
+
+
+def poll(worker):
+    assert is_ready(worker, 10.0)
     worker.poll()
 
 
-def test_results_come_by_poll_on_this_thread(worker):
-    seen = []
-    worker.submit(threading.get_ident, lambda result: seen.append((result, threading.get_ident())))
-    wait(worker)
-    ((worked, reports),) = seen
-    assert reports == threading.get_ident() != worked
+def test_job_runs_on_its_thread_and_the_callback_on_the_callers(worker):
+    calls = []
+    worker.submit(threading.get_ident, lambda result: calls.append((result, threading.get_ident())))
+    poll(worker)
+    ((job_thread, callback_thread),) = calls
+    assert callback_thread == threading.get_ident() != job_thread
 
 
-def test_what_goes_wrong_is_a_result(worker):
-    seen = []
-    worker.submit(lambda: 1 // 0, seen.append)
-    wait(worker)
-    assert isinstance(seen[0], ZeroDivisionError)
+def test_exception_of_a_job_is_its_result(worker):
+    results = []
+    worker.submit(lambda: 1 // 0, results.append)
+    poll(worker)
+    assert isinstance(results[0], ZeroDivisionError)
     worker.poll()
-    assert len(seen) == 1
+    assert len(results) == 1
 
 
-def test_jobs_are_bounded(worker):
-    gate, seen = threading.Event(), []
-    assert all(worker.submit(gate.wait, seen.append) for _ in range(32))
-    assert not worker.submit(gate.wait, seen.append)
+def test_number_of_jobs_is_limited(worker):
+    gate, results = threading.Event(), []
+    assert all(worker.submit(gate.wait, results.append) for _ in range(32))
+    assert not worker.submit(gate.wait, results.append)
     gate.set()
-    while len(seen) < 32:
-        wait(worker)
-    assert worker.submit(gate.wait, seen.append)
+    while len(results) < 32:
+        poll(worker)
+    assert worker.submit(gate.wait, results.append)
 
 
-def test_without_a_thread_a_job_is_done_at_once():
-    seen = []
+def test_without_thread_a_job_is_executed_at_once():
+    results = []
     worker = Worker(background=False)
-    assert worker.submit(lambda: 5, seen.append)
-    assert seen == [5]
+    assert worker.submit(lambda: 5, results.append)
+    assert results == [5]
     assert worker.fileno() == -1
     worker.poll()
     worker.close()
 
 
-def test_a_result_may_be_there_before_its_sign(worker, monkeypatch):
-    """The loop looks between the two; that ended the autopilot under a flood."""
-    seen, going_on = [], threading.Event()
+def test_result_may_be_polled_before_its_event_is_written(worker, monkeypatch):
+    """The loop may poll between the two; that once ended the autopilot under a flood."""
+    results, job_done, may_write, is_written = [], threading.Event(), threading.Event(), threading.Event()
     write = os.eventfd_write
-    signed = threading.Event()
 
-    def late(descriptor, value):
-        going_on.wait(10.0)
+    def write_late(descriptor, value):
+        may_write.wait(10.0)
         write(descriptor, value)
-        signed.set()
+        is_written.set()
 
-    monkeypatch.setattr(os, "eventfd_write", late)
-    done = threading.Event()
-    worker.submit(done.set, seen.append)
-    assert done.wait(10.0)
-    while not seen:
+    monkeypatch.setattr(os, "eventfd_write", write_late)
+    worker.submit(job_done.set, results.append)
+    assert job_done.wait(10.0)
+    while not results:
         worker.poll()
-    assert not select.select([worker.fileno()], [], [], 0.0)[0]
-    going_on.set()
-    assert signed.wait(10.0)
+    assert not is_ready(worker, 0.0)
+    may_write.set()
+    assert is_written.wait(10.0)
     worker.poll()
-    assert not select.select([worker.fileno()], [], [], 0.0)[0]  # or the loop would turn without a rest
-    assert seen == [None]
+    assert not is_ready(worker, 0.0)  # otherwise the loop would never sleep
+    assert results == [None]
