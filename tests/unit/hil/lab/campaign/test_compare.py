@@ -153,6 +153,7 @@ def test_page_of_a_campaign_without_scores_contains_no_nan():
     no_scores = {name: np.full(60, np.nan) for name in results.scores}
     text = page.text(replace(results, scores=no_scores, failed=np.array(["process ended"] * 60, object)))
     assert "60 failed: 100 %" in text
+    assert "First 50 of 60" in text
     assert "no run has this score" in text
     assert "nan" not in text
 

@@ -91,6 +91,13 @@ def test_tuned_pid_has_small_errors():
     assert abs(result["sea"].mean_deg) < 0.3
 
 
+@pytest.mark.proof
+def test_integral_of_the_pid_is_constant_at_the_rudder_limit():
+    """Otherwise the overshoot of this turn is 23 deg."""
+    truth = pid.sail(scenarios.find_scenario("calm"), 1, parse_goals("0:0,30:170"), 200.0, pid.TUNED)
+    assert math.degrees(np.unwrap(truth.heading_low_rad).max()) < 176.0
+
+
 def test_command_prints_and_writes_its_results(tmp_path, capsys, monkeypatch):
     """Only the sea without gusts has an exact limit."""
     monkeypatch.setattr("hil.lab.compare.limit.TRAVEL_WEIGHTS", (0.1, 1.0))

@@ -1,5 +1,7 @@
 """Standard functions, and the errors of the fish swarm on them."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,22 @@ def test_minimum_of_a_function_is_zero_at_its_optimum(row, dimensions):
     rng = np.random.default_rng(1)
     others = np.clip(best + rng.normal(0.0, 0.02 * (row.high - row.low), (1000, dimensions)), row.low, row.high)
     assert np.all(row.function(others) > 1e-6)
+
+
+# Vector from the optimum, and the value there.
+VALUES = {
+    "sphere": ((1.0, 2.0), 5.0),
+    "rosenbrock": ((-1.0, -1.0), 1.0),
+    "rastrigin": ((0.5, 0.0), 20.25),
+    "ackley": ((1.0, 1.0), 20.0 * (1.0 - math.exp(-0.2))),
+    "griewank": ((math.pi, 0.0), math.pi**2 / 4000.0 + 2.0),
+}
+
+
+@pytest.mark.parametrize("row", [row for row in TABLE if row.name in VALUES], ids=lambda row: row.name)
+def test_value_of_a_function_beside_its_optimum(row):
+    vector, value = VALUES[row.name]
+    assert row.function((optimum(row.name, 2) + vector)[None])[0] == pytest.approx(value)
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
