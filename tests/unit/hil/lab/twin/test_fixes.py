@@ -42,7 +42,10 @@ def decode_fixes(scenario, seed):
         yield from driver.poll()
 
 
-@pytest.mark.parametrize("text", ["sea", "coast", "mission", "ocean-1", "ocean-4", "tank+orbital=0.2", "sea+receiver", "sea+receiver=0.1:0.2"])
+SEAS = ("sea", "coast", "mission", "ocean-1", "ocean-4", "tank+orbital=0.2", "sea+receiver", "sea+receiver=0.1:0.2")
+
+
+@pytest.mark.parametrize("text", SEAS)
 def test_fixes_equal_those_decoded_by_the_firmware(text):
     scenario = parse_scenario(text)
     expected = [voyage.row_of(sample) for sample in decode_fixes(scenario, 3)]
