@@ -12,19 +12,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
 from firmware_py.guidance import avoidance
-from firmware_py.guidance.avoidance import (
-    FENCE_CHECK_LEGS,
-    FENCE_CLEARANCE_M,
-    HEADINGS_PER_SIDE,
-    IDLE,
-    MIN_GAIN,
-    ROUND_INTERVAL_S,
-    SUFFICIENT_RATIO,
-    AvoidanceInput,
-    AvoidanceSettings,
-    LineAhead,
-    Trial,
-)
+from firmware_py.guidance.avoidance import IDLE, AvoidanceInput, AvoidanceSettings, LineAhead, Trial
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal
@@ -32,6 +20,8 @@ from support.plans import item, placed
 
 PARAMETERS = ParameterSet().replaced("AIS_ACT", 1.0)
 SETTINGS, TRAFFIC = AvoidanceSettings.of(PARAMETERS), TrafficSettings.of(PARAMETERS)
+HEADINGS_PER_SIDE, ROUND_INTERVAL_S, MIN_GAIN, SUFFICIENT_RATIO = 6, 30.0, 0.06, 2.0
+FENCE_CLEARANCE_M, FENCE_CHECK_LEGS = 30.0, 4
 STEP_RAD = SETTINGS.sector_rad / HEADINGS_PER_SIDE
 INCLUDED_VERTEX = 5001
 TOLERANCE = 0.01  # of the near distance: the earth is no plane

@@ -75,6 +75,13 @@ def test_empty_fence_and_incomplete_polygon_have_no_margin():
     assert fence_of(fence(*square(5001, 500.0)[:2])) is None
 
 
+def test_margin_near_the_fence_is_recomputed_every_two_metres():
+    plan = fence(*square(5001, 500.0))
+    state = update(FenceState(), plan, CENTRE.at_offset(495.0, 0.0))
+    assert update(state, plan, CENTRE.at_offset(493.1, 0.0)) is state
+    assert update(state, plan, CENTRE.at_offset(492.9, 0.0)).margin_m == pytest.approx(7.1, abs=0.1)
+
+
 def test_margin_is_recomputed_after_movement_or_with_another_fence():
     plan = fence(*square(5001, 500.0))
     state = update(FenceState(), plan, CENTRE)

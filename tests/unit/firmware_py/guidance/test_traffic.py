@@ -11,9 +11,10 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Severity
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.guidance import traffic
-from firmware_py.guidance.traffic import MAX_VESSELS, OwnMotion, TrafficSettings, TrafficState
+from firmware_py.guidance.traffic import OwnMotion, TrafficSettings, TrafficState
 from support.plans import placed
 
+MAX_VESSELS = 100
 SETTINGS = TrafficSettings.of(ParameterSet())  # 500 m, 1500 s; still: 100 m, 0.5 m/s
 HERE = OwnMotion(Place(*placed(0.0, 0.0)), (0.0, 0.0))
 

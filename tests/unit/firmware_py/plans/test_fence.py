@@ -7,8 +7,9 @@ import pytest
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.plans.fence import MAX_CHECKS, find_breaches, margin_m
+from firmware_py.plans.fence import find_breaches, margin_m
 
+MAX_CHECKS = 500
 CENTRE = Place(0.6, 2.0)
 WAYPOINT, TURNS, ENABLE, RETURN_POINT, INCLUDED, EXCLUDED, CIRCLE, RALLY = 16, 18, 207, 5000, 5001, 5002, 5004, 5100
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plans.items import CAMERA, PLACE_FRAMES, ROWS, TABLE, Command
 from firmware_py.plans.validation import PlanResult, problem_of
 
@@ -162,8 +162,8 @@ def test_accepted_item_is_finite_and_in_range(kind, plan_item):
 
 
 def test_number_of_items_is_limited():
-    assert problem(MISSION, *[WAYPOINT] * MAX_PLAN_ITEMS) is None
-    assert problem(MISSION, *[WAYPOINT] * (MAX_PLAN_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
+    assert problem(MISSION, *[WAYPOINT] * 2000) is None
+    assert problem(MISSION, *[WAYPOINT] * 2001) == (None, PlanResult.NO_SPACE)
 
 
 def test_first_invalid_item_is_reported():
@@ -233,7 +233,7 @@ def test_two_thousand_conditions_and_tags_are_accepted():
 
 
 def test_two_thousand_jumps_need_no_recursion():
-    assert problem(MISSION, WAYPOINT, *[jump(0)] * (MAX_PLAN_ITEMS - 1)) is None
+    assert problem(MISSION, WAYPOINT, *[jump(0)] * 1999) is None
 
 
 def test_validation_is_cached_by_the_plan_object():

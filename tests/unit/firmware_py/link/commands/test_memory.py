@@ -3,18 +3,11 @@
 import pytest
 from msgspec.structs import replace
 
-from firmware_py.link.commands.server import (
-    MAX_COMMANDS,
-    OVERTAKEN_S,
-    RELATIVE_RETRY_S,
-    REPEAT_S,
-    RETRY_S,
-    SATELLITE_RETRY_S,
-    CommandMemory,
-    CommandRecord,
-)
+from firmware_py.link.commands.server import CommandMemory, CommandRecord
 from firmware_py.link.peers import DUPLICATE_S, PeerPath, Station
 
+RETRY_S, SATELLITE_RETRY_S, RELATIVE_RETRY_S, REPEAT_S, OVERTAKEN_S = 5.0, 600.0, 30.0, 1.0, 2.0
+MAX_COMMANDS = 32
 ARM = 400
 STATION = (255, 190)
 EPSILON_S = 1e-3

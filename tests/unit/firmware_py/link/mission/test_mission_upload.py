@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
-from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
@@ -139,9 +139,9 @@ def test_waypoint_as_item_0_is_reported_and_home_is_not(station, texts, item_0, 
 @BOTH_IDENTITIES
 def test_number_of_items_is_limited(make_station, identity):
     station = make_station(identity=identity)
-    assert station.upload(station.mission(MAX_PLAN_ITEMS)).type == 0
-    assert acks(station.count(MAX_PLAN_ITEMS + station.home_count + 1)) == [PlanResult.NO_SPACE]
-    assert len(station.places()) == MAX_PLAN_ITEMS
+    assert station.upload(station.mission(2000)).type == 0
+    assert acks(station.count(2001 + station.home_count)) == [PlanResult.NO_SPACE]
+    assert len(station.places()) == 2000
 
 
 @BOTH_IDENTITIES

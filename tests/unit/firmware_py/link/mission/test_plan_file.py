@@ -7,7 +7,7 @@ import threading
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
 from firmware_py.link.mission.plan_file import unpack
@@ -83,7 +83,7 @@ TWO = [ITEM(0, 0, number, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0,
         (encode(TWO, first=1), "partial"),
         (encode(TWO, count=3), "do not match 3"),
         (encode(TWO)[:-1], "do not match 2"),
-        (encode(TWO, count=MAX_PLAN_ITEMS + 2), "at most"),
+        (encode(TWO, count=2002), "at most"),
         (encode([TWO[0], TWO[0]]), "is numbered 0"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
