@@ -324,6 +324,7 @@ def test_loop_does_not_wait_on_a_closed_port(boat):
     run_for(boat, 0.35)
     wait_times_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
     assert max(wait_times_s) < 0.137
+    assert not any(-1 in descriptors for _, _, descriptors in boat.clock.waits)
 
 
 @pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])

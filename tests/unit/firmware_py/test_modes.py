@@ -160,7 +160,8 @@ def test_goals_out_of_range_are_denied(value):
 
 
 def test_position_goal_needs_a_position_and_guided_mode():
-    assert accept(GUIDED, SteerPosition(0.5, -0.5)).goal == PositionGoal(0.5, -0.5)
+    for position in ((0.5, -0.5), (0.5 * math.pi, math.pi), (-0.5 * math.pi, -math.pi)):
+        assert accept(GUIDED, SteerPosition(*position)).goal == PositionGoal(*position)
     refuse(GUIDED, SteerPosition(0.5, -0.5), Verdict.TEMPORARILY_REJECTED, replace(NORMAL, position_ok=False))
     refuse(replace(GUIDED, mode=Mode.STEERING), SteerPosition(0.5, 0.5), Verdict.TEMPORARILY_REJECTED)
 

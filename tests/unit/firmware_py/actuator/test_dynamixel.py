@@ -357,9 +357,11 @@ def test_shutdown_is_reported_and_rebooted_at_most_every_30_s(running, servo, li
     assert servo.reboots == 2
 
 
+@pytest.mark.parametrize("max_read", [255, 60])  # 60: without the combined read
 @pytest.mark.parametrize("extra_ticks", range(6))
-def test_hardware_error_is_reported_within_four_ticks(running, servo, extra_ticks):
-    running.ticks(extra_ticks)
+def test_hardware_error_is_reported_within_four_ticks(running, servo, extra_ticks, max_read):
+    servo.max_read = max_read
+    running.ticks(20 + extra_ticks)
     servo.shut_down(0x20)
     running.ticks(4)
     assert running.health().state is DeviceState.FAULTY
@@ -461,6 +463,13 @@ def test_no_reboot_without_a_torque_command_or_after_an_encoder_error(running, s
     servo.shut_down(error)
     running.ticks(60, torque_on=torque_on)
     assert (servo.reboots, running.health().text) == (0, text)
+
+
+def test_third_rejected_goal_is_a_fault(rig, servo, line):
+    servo.write_errors[116] = 7
+    while rig.health().state is not DeviceState.FAULTY:
+        rig.ticks(1, shaft_deg=5.0)
+    assert len(writes(line, 116)) == 3
 
 
 @pytest.mark.parametrize(
