@@ -85,9 +85,8 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "TaskFollowerState": {"berth": "loiter_placement"},
 }
 
-_ERROR_TEXT = re.compile(
-    r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL
-)  # the last match: a value may contain the same words
+# Reason and path; the path is the last match, because a value may contain the same words.
+_ERROR_TEXT = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)
 _UNKNOWN_CLASS: Final = "Invalid value "
 _PATH_ELEMENT = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 _TO_JSON = json.JSONEncoder(separators=(",", ":")).encode
