@@ -55,7 +55,7 @@ def run_mission(boat, limit_s):
     reached, activities = [], {}
     for _ in range(round(limit_s * 10)):
         snapshot = boat.tick().snapshot
-        reached += snapshot.mission.reached
+        reached += snapshot.mission.reached_items
         activities.setdefault(snapshot.mission.index, set()).add(snapshot.navigation.activity)
         if snapshot.mission.index == 12 and snapshot.navigation.arrived:
             break
