@@ -311,5 +311,5 @@ def boat_time_s(sea):
             times_s.append(message.time_boot_ms / 1e3)
         return bool(times_s)
 
-    assert sea.station.receive(10.0, matches) is not None
+    assert sea.station.await_message(10.0, matches) is not None
     return times_s[-1]

@@ -41,7 +41,6 @@ def test_log_without_motion_is_refused(tmp_path):
     settings = {"EST_MODE": 0, "CTL_MODE": 0}
     run(RunOptions(scenarios.find_scenario("calm"), 40.0, tmp_path, goals=parse_goals("0:0"), settings=settings))
     code, output, errors = rambler_hil("identify", tmp_path / LOG)
-    assert code == 1
-    assert errors == "rambler-hil: no model: these logs are as likely without a rudder; see the verdicts\n"
-    assert "the rudder explains next to nothing of the motion" in output
-    assert "sail a zigzag" in output
+    assert (code, errors.startswith("rambler-hil: no model: ")) == (1, True)
+    assert "no effect of the rudder on the motion" in output
+    assert "a zigzag" in output
