@@ -18,7 +18,7 @@ class Figure:
     `bare` is the cost of a minimal program on this machine. The target is an upper (`maximum`) or a lower (`minimum`)
     limit of the value, or an upper limit of its ratio to `bare`. `peer` is the same figure of other autopilots, as
     text. `paired_ratio` replaces the ratio where both programs ran in turns: the median over pairs of neighbouring
-    runs, which a changing load does not shift. `repeats` holds the compared quantities of all repeats.
+    runs, which a changing load does not shift. `repeats` contains the compared quantities of all repeats.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Comparison of the bench with a baseline: ratios that are worse by more than their scatter.
 
-The limit of a compared quantity is computed from the repeats stored with the baseline. Their
-logarithms are nearly normal, so a further reading exceeds the upper limit of the prediction interval (Hahn and Meeker,
-Statistical Intervals, 1991, 4.7) by chance with a probability of FALSE_ALARM over all that are compared.
+The limit of a compared quantity is computed from the repeats stored with the baseline. Their logarithms are nearly
+normal, so a further reading exceeds the upper limit of the prediction interval (Hahn and Meeker, Statistical Intervals,
+1991, 4.7) by chance with a probability of FALSE_ALARM over all that are compared.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Station:
         self._tap = MavlinkTap(RECEIVED_NUMBERS)
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._peer: tuple[str, int] | None = None
-        self._heartbeat_s = 0.0
+        self._next_heartbeat_s = 0.0
 
     def close(self) -> None:
         """Close the port."""
@@ -52,7 +52,7 @@ class Station:
         deadline_s = time.monotonic() + timeout_s
         while (now_s := time.monotonic()) < deadline_s:
             self._send_heartbeat(now_s)
-            until_s = min(deadline_s, self._heartbeat_s) if self._peer else deadline_s
+            until_s = min(deadline_s, self._next_heartbeat_s) if self._peer else deadline_s
             if not select.select([self._socket], [], [], max(0.0, until_s - now_s))[0]:
                 continue
             received_s = time.monotonic()
@@ -73,7 +73,7 @@ class Station:
         return self._socket.fileno()
 
     def receive(self) -> list[Any]:
-        """Read a datagram; return its messages of RECEIVED_KINDS."""
+        """Read a datagram; return its messages with RECEIVED_NUMBERS."""
         data, self._peer = self._socket.recvfrom(READ_BYTES)
         return list(self._tap.feed(data))
 
@@ -91,7 +91,7 @@ class Station:
         return sent_s
 
     def _send_heartbeat(self, now_s: float) -> None:
-        if self._peer is not None and now_s >= self._heartbeat_s:
-            self._heartbeat_s = now_s + HEARTBEAT_S
+        if self._peer is not None and now_s >= self._next_heartbeat_s:
+            self._next_heartbeat_s = now_s + HEARTBEAT_S
             mav_type, autopilot, state = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_STATE_ACTIVE
             self.send(self.pack(dialect.MAVLink_heartbeat_message(mav_type, autopilot, 0, 0, state, 3)))

@@ -121,7 +121,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_law(arguments: argparse.Namespace) -> int:
     """Search the constants of the law; no parameter file is written, because they are part of the code."""
-    report_progress, first_seed = progress.task_progress(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
+    report_progress = progress.task_progress(sys.stderr, time.monotonic)
+    first_seed = arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
         trials, fresh_trials = (
@@ -157,11 +158,8 @@ def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 def tune_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
     """Tune the default controller; raise UsageError for invalid options."""
     begin_s = time.monotonic()
-    parameters, seed, report_progress = (
-        _parameters_of(vehicle),
-        arguments.seed,
-        progress.task_progress(sys.stderr, time.monotonic),
-    )
+    parameters, seed = _parameters_of(vehicle), arguments.seed
+    report_progress = progress.task_progress(sys.stderr, time.monotonic)
     model, names = model_of(vehicle), arguments.scenarios
     try:
         if any(scenarios.parse_scenario(name).disturbances.supply is not None for name in names):
@@ -231,11 +229,8 @@ def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 def tune_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     """Tune the fixed gains for the paper's problem and for the trial runs; raise UsageError for invalid options."""
     begin_s = time.monotonic()
-    parameters, seed, report_progress = (
-        _parameters_of(vehicle),
-        arguments.seed,
-        progress.task_progress(sys.stderr, time.monotonic),
-    )
+    parameters, seed = _parameters_of(vehicle), arguments.seed
+    report_progress = progress.task_progress(sys.stderr, time.monotonic)
     model = model_of(vehicle)
     setting = Setting.of(parameters)
     try:

@@ -25,7 +25,7 @@ CAPTURE_FRACTION = 0.35  # share of the range within which a ship is received in
 OWN_INTERVAL_S = 30.0
 AT_ANCHOR = 1
 JUMP_M = 37_000.0
-OWN_SIZE, SHIP_SIZE, YACHT_SIZE = (1, 1, 1, 1), (150, 30, 14, 14), (8, 4, 2, 2)
+SHIP_SIZE, YACHT_SIZE = (150, 30, 14, 14), (8, 4, 2, 2)
 CARGO, SAILING = 70, 36
 
 

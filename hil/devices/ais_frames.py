@@ -6,7 +6,6 @@ Written from ITU-R M.1371-5 and IEC 61162-1, independent of the firmware's decod
 from __future__ import annotations
 
 MAX_CHARACTERS = 60  # of the payload of one sentence
-NOT_UNDER_WAY = (1, 5)  # at anchor, moored
 NO_TURN, NO_SPEED, NO_COURSE, NO_HEADING, NO_LATITUDE_DEG, NO_LONGITUDE_DEG = -128, 102.3, 360.0, 511, 91.0, 181.0
 
 Dimensions = tuple[int, int, int, int]  # from the antenna to bow, stern, port and starboard side, m

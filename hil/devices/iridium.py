@@ -27,13 +27,13 @@ class IridiumModem:
         self.imei = imei
         self._line = Transmitter(baud)
         self._received = b""
-        self._echo, self._alerts, self._ringing = True, False, False
+        self._has_echo, self._has_alerts, self._is_ringing = True, False, False
         self._out_message = self._in_message = b""
         self._out_number, self._in_number = 0, 0
         self._queued = 0
-        self._expected: tuple[float, int] | None = None  # deadline and size of a message
+        self._expected_message: tuple[float, int] | None = None  # deadline and size of a message
         self._busy_until_s = -math.inf
-        self._alert_check_s = 0.0
+        self._next_alert_check_s = 0.0
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Process bytes; during a session they are ignored."""
@@ -41,7 +41,7 @@ class IridiumModem:
             return
         self._received += data
         while self._received:
-            if self._expected is not None:
+            if self._expected_message is not None:
                 if not self._read_message(now_s):
                     return
                 continue
@@ -50,22 +50,22 @@ class IridiumModem:
                 self._received = self._received[-200:]
                 return
             self._received = rest
-            if self._echo:
+            if self._has_echo:
                 self._send(now_s, command + b"\r")
             self._execute(now_s, command.strip().upper())
 
     def next_output_s(self) -> float:
         """Return when the next output is complete, or the next check for an alert."""
-        return min(self._line.next_s(), self._alert_check_s)
+        return min(self._line.next_s(), self._next_alert_check_s)
 
     def take_output(self, now_s: float) -> bytes:
         """Return the complete output."""
-        while self._alert_check_s <= now_s:
-            is_free = self._alert_check_s >= self._busy_until_s
-            if self._alerts and is_free and self.network.take_alert(self._alert_check_s):
-                self._ringing = True
-                self._send(self._alert_check_s, b"\r\nSBDRING\r\n")
-            self._alert_check_s += max(_ALERT_CHECK_S, math.floor(now_s - self._alert_check_s))
+        while self._next_alert_check_s <= now_s:
+            is_free = self._next_alert_check_s >= self._busy_until_s
+            if self._has_alerts and is_free and self.network.take_alert(self._next_alert_check_s):
+                self._is_ringing = True
+                self._send(self._next_alert_check_s, b"\r\nSBDRING\r\n")
+            self._next_alert_check_s += max(_ALERT_CHECK_S, math.floor(now_s - self._next_alert_check_s))
         return self._line.take(now_s)
 
     # ------------------------------------------------------------------
@@ -79,16 +79,16 @@ class IridiumModem:
 
     def _read_message(self, now_s: float) -> bool:
         """Read the message after AT+SBDWB; return False if it is incomplete."""
-        assert self._expected is not None  # noqa: S101 - for the type checker
-        deadline_s, size = self._expected
+        assert self._expected_message is not None  # noqa: S101 - for the type checker
+        deadline_s, size = self._expected_message
         if now_s > deadline_s:
-            self._expected = None
+            self._expected_message = None
             self._reply(now_s, "1")
             return True
         if len(self._received) < size + 2:
             return False
         message, checksum = self._received[:size], self._received[size : size + 2]
-        self._received, self._expected = self._received[size + 2 :], None
+        self._received, self._expected_message = self._received[size + 2 :], None
         is_valid = struct.pack(">H", sum(message) % 65536) == checksum
         if is_valid:
             self._out_message = message
@@ -101,10 +101,10 @@ class IridiumModem:
         if name in (b"AT", b"AT&K0", b"AT+SBDDET"):
             self._reply(at_s)
         elif name in (b"ATE0", b"ATE1"):
-            self._echo = name == b"ATE1"
+            self._has_echo = name == b"ATE1"
             self._reply(at_s)
         elif name == b"AT+SBDMTA" and value in (b"0", b"1"):
-            self._alerts = value == b"1"
+            self._has_alerts = value == b"1"
             self._reply(at_s)
         elif name == b"AT+CGSN":
             self._reply(at_s, self.imei)
@@ -122,7 +122,7 @@ class IridiumModem:
             self._reply(at_s, "0")
         elif name == b"AT+SBDSX":
             fields = (bool(self._out_message), self._out_number, bool(self._in_message))
-            more = (self._in_number if self._in_message else -1, self._ringing, self._queued)
+            more = (self._in_number if self._in_message else -1, self._is_ringing, self._queued)
             self._reply(at_s, "+SBDSX: " + ", ".join(str(int(field)) for field in (*fields, *more)))
         elif name in (b"AT+SBDIX", b"AT+SBDIXA"):
             self._run_session(now_s)
@@ -133,7 +133,7 @@ class IridiumModem:
         if not 1 <= size <= _MAX_MESSAGE_BYTES:
             self._reply(now_s + _REPLY_S, "3")
             return
-        self._expected = (now_s + _WRITE_TIMEOUT_S, size)
+        self._expected_message = (now_s + _WRITE_TIMEOUT_S, size)
         self._send(now_s + _REPLY_S, b"\r\nREADY\r\n")
 
     def _run_session(self, now_s: float) -> None:
@@ -142,7 +142,7 @@ class IridiumModem:
         number, received, length = self._out_number, 0, 0
         if outcome.increments_number:
             self._out_number = (self._out_number + 1) & 0xFFFF
-            self._ringing = False
+            self._is_ringing = False
             self._queued = outcome.queued
         if outcome.message is not None:
             self._in_number, self._in_message = outcome.message

@@ -57,7 +57,7 @@ class NmeaCompassEmulator:
         self._declination_deg = declination_deg
         self._variation_deg = variation_deg
         self._deviation_deg = deviation_deg
-        self._rot = rot
+        self._sends_rot = rot
         self._rate_noise_deg_s = rate_noise_deg_s
         self._pace = Pace(1.0 / rate_hz, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
@@ -78,7 +78,7 @@ class NmeaCompassEmulator:
     def _sentences(self) -> bytes:
         true_deg = degrees(self._attitude.heading_rad()) + self._rng.normal(0.0, self._noise_deg)
         sentences = whole_sentence(f"{self._talker}{self._kind},{self._fields(true_deg)}")
-        if self._rot:
+        if self._sends_rot:
             rate_deg_s = degrees(self._attitude.yaw_rate_rad_s()) + self._rng.normal(0.0, self._rate_noise_deg_s)
             sentences += whole_sentence(f"{self._talker}ROT,{rate_deg_s * 60.0:.1f},A")
         return sentences

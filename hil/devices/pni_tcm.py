@@ -74,7 +74,7 @@ class PniTcmEmulator:
         self._settings = self._saved
         self._pace: Pace | None = None
         self._ready_s = -math.inf
-        self._asleep = False
+        self._is_asleep = False
         self._commands = self._command_table()
         self._components = self._component_table()
 
@@ -82,12 +82,12 @@ class PniTcmEmulator:
         """Process commands; any byte wakes a sleeping module and is lost."""
         if now_s < self._ready_s or not data:
             return
-        if self._asleep:
+        if self._is_asleep:
             self._wake(now_s)
             return
         for frame, payload in self._reader.feed(now_s, data):
             command = self._commands.get(frame)
-            if command is not None and not self._asleep:
+            if command is not None and not self._is_asleep:
                 command(now_s, payload)
 
     def next_output_s(self) -> float:
@@ -109,7 +109,7 @@ class PniTcmEmulator:
         """Interrupt the power for off_s (infinity: until the next call); unsaved settings are lost."""
         self.transmitter.clear()
         self._reader.clear()
-        self._asleep = False
+        self._is_asleep = False
         self._restart(now_s + off_s)
 
     # ------------------------------------------------------------------ commands
@@ -221,7 +221,7 @@ class PniTcmEmulator:
     def _power_down(self, now_s: float, payload: bytes) -> None:
         if not payload:
             self._reply(now_s, Frame.POWER_DOWN_DONE)
-            self._asleep = True
+            self._is_asleep = True
             self._pace = None
 
     # ------------------------------------------------------------------ measurement and output
@@ -244,7 +244,7 @@ class PniTcmEmulator:
 
     def _wake(self, now_s: float) -> None:
         """Restart from the saved settings; the line, held low in sleep, produces one stray byte first."""
-        self._asleep = False
+        self._is_asleep = False
         self._reader.clear()
         self._restart(now_s)
         self.transmitter.send(self._ready_s, b"\x00" + pack_frame(Frame.POWER_UP_DONE))

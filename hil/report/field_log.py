@@ -48,8 +48,9 @@ class ModePeriod:
 
 @dataclass(frozen=True, slots=True)
 class FieldLog:
-    """Content of logs; `lasting_goal_rad` is the goal where it lasted HOLD_S, else NaN; `texts`: time, severity, text.
+    """Content of logs; `texts`: time, severity, text.
 
+    `lasting_goal_rad` is the goal where it lasted MIN_GOAL_S, else NaN.
     `columns` contains columns in addition to the truth, with the names and units of the model of the page, NaN where a
     tick has no value. `plans` and `home` (degrees) are the latest; positions are relative to `origin`, mission items
     count from `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated
@@ -184,7 +185,7 @@ def _is_set(name: str, value: float) -> bool:
 
 
 def _fill_gaps(values: Array) -> Array:
-    """Return the values with gaps filled by the previous value, 0 before the first."""
+    """Return the values with gaps filled by the previous value, or by the first one; zeros if all are missing."""
     finite_rows = np.flatnonzero(np.isfinite(values))
     if not finite_rows.size:
         return np.zeros_like(values)

@@ -44,10 +44,8 @@ def transition(natural_frequency_rad_s: float, damping: float, step_s: float) ->
     square = natural_frequency_rad_s**2 * (1.0 - damping * damping)
     if square > 0.0:
         damped_frequency_rad_s = math.sqrt(square)
-        cosine, sine = (
-            math.cos(damped_frequency_rad_s * step_s),
-            math.sin(damped_frequency_rad_s * step_s) / damped_frequency_rad_s,
-        )
+        cosine = math.cos(damped_frequency_rad_s * step_s)
+        sine = math.sin(damped_frequency_rad_s * step_s) / damped_frequency_rad_s
     elif square < 0.0:
         root_1_s = math.sqrt(-square)
         cosine, sine = math.cosh(root_1_s * step_s), math.sinh(root_1_s * step_s) / root_1_s

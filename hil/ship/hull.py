@@ -224,25 +224,22 @@ class Hull:
 
     def velocity_in_waves_m_s(self, offset_s: float) -> tuple[float, float]:
         """Return the velocity over the ground including the orbital motion of the waves, north and east."""
-        (north_m_s, east_m_s), (wave_north_m_s, wave_east_m_s) = (
-            self.velocity_m_s(offset_s),
-            self._orbit.velocity_m_s(offset_s)
-            if self._short_crested is None
-            else self._short_crested.velocity_m_s(offset_s, self.float_heading_rad(offset_s)),
-        )
-        share = self._wave_ratio
-        return north_m_s + share * wave_north_m_s, east_m_s + share * wave_east_m_s
+        north_m_s, east_m_s = self.velocity_m_s(offset_s)
+        if self._short_crested is None:
+            wave_north_m_s, wave_east_m_s = self._orbit.velocity_m_s(offset_s)
+        else:
+            heading_rad = self.float_heading_rad(offset_s)
+            wave_north_m_s, wave_east_m_s = self._short_crested.velocity_m_s(offset_s, heading_rad)
+        return north_m_s + self._wave_ratio * wave_north_m_s, east_m_s + self._wave_ratio * wave_east_m_s
 
     def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
         """Return the position north and east of the start including the orbital motion of the waves."""
-        (north_m, east_m), (wave_north_m, wave_east_m) = (
-            self.position_m(offset_s),
-            self._orbit.position_m(offset_s)
-            if self._short_crested is None
-            else self._short_crested.position_m(offset_s, self.float_heading_rad(offset_s)),
-        )
-        share = self._wave_ratio
-        return north_m + share * wave_north_m, east_m + share * wave_east_m
+        north_m, east_m = self.position_m(offset_s)
+        if self._short_crested is None:
+            wave_north_m, wave_east_m = self._orbit.position_m(offset_s)
+        else:
+            wave_north_m, wave_east_m = self._short_crested.position_m(offset_s, self.float_heading_rad(offset_s))
+        return north_m + self._wave_ratio * wave_north_m, east_m + self._wave_ratio * wave_east_m
 
     def _yaw_acceleration(self) -> float:
         model = self._model

@@ -44,7 +44,7 @@ class WaveYaw:
             self._start, self._end = self._end, self._advance(self._end)
 
     def angle_rad(self, offset_s: float) -> float:
-        """Return the angle since_s into the present step."""
+        """Return the angle offset_s into the present step."""
         if self._is_calm:
             return 0.0
         (y0, v0), (y1, v1) = self._start, self._end
@@ -53,7 +53,7 @@ class WaveYaw:
         return y0 + x * (h * v0 + x * (3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))))
 
     def rate_rad_s(self, offset_s: float) -> float:
-        """Return the rate of the angle since_s into the present step."""
+        """Return the rate of the angle offset_s into the present step."""
         if self._is_calm:
             return 0.0
         (y0, v0), (y1, v1) = self._start, self._end

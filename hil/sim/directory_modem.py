@@ -27,7 +27,7 @@ class DirectoryModem:
         self.network = IridiumNetwork(rng, duration_s=_SESSION_S)
         self.modem = IridiumModem(self.network)
         self._from_boat, self._to_boat = MessagePost(directory, FROM_BOAT), MessagePost(directory, TO_BOAT)
-        self._poll_s = 0.0
+        self._next_poll_s = 0.0
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Process the bytes that the autopilot wrote."""
@@ -35,12 +35,12 @@ class DirectoryModem:
 
     def next_output_s(self) -> float:
         """Return the time of the modem's next output or of the next poll."""
-        return min(self.modem.next_output_s(), self._poll_s)
+        return min(self.modem.next_output_s(), self._next_poll_s)
 
     def take_output(self, now_s: float) -> bytes:
         """Exchange messages with the directory and return the modem's output."""
-        if now_s >= self._poll_s:
-            self._poll_s = math.floor(now_s / _POLL_S + 1.0) * _POLL_S
+        if now_s >= self._next_poll_s:
+            self._next_poll_s = math.floor(now_s / _POLL_S + 1.0) * _POLL_S
             while self.network.delivered:
                 _, number, message = self.network.delivered.popleft()
                 self._from_boat.put(self.modem.imei, number, message)

@@ -44,7 +44,7 @@ class Order:
     accepted_s: float | None = None
     confirmation: int = 0
     refusal: str = ""
-    skipped: bool = False  # because another station steers
+    is_skipped: bool = False  # because another station steers
 
 
 def disarm(due_s: float) -> Order:
@@ -81,7 +81,7 @@ class GroundStation:
         ]
         self.orders: tuple[Order, ...] = (arm_order, mode_order, *goal_orders) if goals or mode != GUIDED else ()
         self.heartbeat: Any | None = None
-        self.silent = False
+        self.is_silent = False
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=MAX_TEXTS)
         self.reached: deque[tuple[float, int]] = deque(maxlen=MAX_TEXTS)  # time and number of each mission item
         self._open_orders = deque(self.orders)
@@ -97,9 +97,9 @@ class GroundStation:
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._vehicle: int | None = None
         self._text_id = 0
-        self._queued: list[Any] = []
-        self._heartbeat_s = 0.0 if sends_first else math.inf
-        self._order_s = math.inf
+        self._queued_messages: list[Any] = []
+        self._next_heartbeat_s = 0.0 if sends_first else math.inf
+        self._next_order_s = math.inf
         self._ready_by_s = math.inf  # orders start when the boat is ready, at this time at the latest
 
     # The Emulator interface for the board.
@@ -111,24 +111,24 @@ class GroundStation:
 
     def next_output_s(self) -> float:
         """Return the time of the next heartbeat or command; infinity before the autopilot's first heartbeat."""
-        return min(self._heartbeat_s, self._order_s)
+        return min(self._next_heartbeat_s, self._next_order_s)
 
     def take_output(self, now_s: float) -> bytes:
         """Return the frames that are due."""
         frames = []
-        if self._heartbeat_s <= now_s:
-            self._heartbeat_s += HEARTBEAT_S
+        if self._next_heartbeat_s <= now_s:
+            self._next_heartbeat_s += HEARTBEAT_S
             frames.append(self._heartbeat())
-            frames += [self._pack(message) for message in self._queued]
-            self._queued.clear()
-        if self._order_s <= now_s:
+            frames += [self._pack(message) for message in self._queued_messages]
+            self._queued_messages.clear()
+        if self._next_order_s <= now_s:
             self._skip_overdue(now_s)
             frames.append(
                 self._send_order(self._open_orders[0], now_s)
                 if now_s >= self._ready_by_s
                 else self._request_status(now_s)
             )
-        return b"" if self.silent else b"".join(frames)
+        return b"" if self.is_silent else b"".join(frames)
 
     # For the run and its display.
 
@@ -136,11 +136,11 @@ class GroundStation:
         """Append an order to the open ones; it is sent once the autopilot is connected."""
         self._open_orders.append(order)
         if self._vehicle is not None:
-            self._plan(now_s)
+            self._schedule_order(now_s)
 
     def queue(self, message: Any) -> None:
         """Send a message once, with the next heartbeat."""
-        self._queued.append(message)
+        self._queued_messages.append(message)
 
     def named_value(self, name: str) -> float | None:
         """Return the last NAMED_VALUE_FLOAT of a name, or None."""
@@ -171,7 +171,7 @@ class GroundStation:
         if self.orders and self.orders[0].first_sent_s is None:
             return f"{self.orders[0].text} was never sent: the boat was not ready before the end of the run"
         for order in self.orders:
-            if order.accepted_s is None and order.first_sent_s is not None and not order.skipped:
+            if order.accepted_s is None and order.first_sent_s is not None and not order.is_skipped:
                 return _failure_text(order)
         return None
 
@@ -181,15 +181,15 @@ class GroundStation:
         self.heartbeat = message
         if self._vehicle is None:
             self._vehicle = message.get_srcSystem()
-            self._heartbeat_s = now_s + REACTION_S
+            self._next_heartbeat_s = now_s + REACTION_S
             self._ready_by_s = now_s + READY_TIMEOUT_S
-            self._plan(now_s)
+            self._schedule_order(now_s)
 
     def _on_status(self, now_s: float, message: Any) -> None:
         ready = message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK
         if ready and message.get_srcComponent() == 1 and now_s < self._ready_by_s < math.inf:
             self._ready_by_s = now_s
-            self._plan(now_s)
+            self._schedule_order(now_s)
 
     def _on_reached(self, now_s: float, message: Any) -> None:
         self.reached.append((now_s, message.seq))
@@ -205,7 +205,7 @@ class GroundStation:
         if message.result == dialect.MAV_RESULT_ACCEPTED:
             order.accepted_s = now_s
             self._open_orders.popleft()
-            self._plan(now_s)
+            self._schedule_order(now_s)
         elif message.result != dialect.MAV_RESULT_IN_PROGRESS:
             name = dialect.enums["MAV_RESULT"].get(message.result)
             order.refusal = name.name.removeprefix("MAV_RESULT_") if name else f"result {message.result}"
@@ -217,9 +217,9 @@ class GroundStation:
         return None if self.heartbeat is None else self.heartbeat.custom_mode
 
     def _skip(self, order: Order, now_s: float) -> None:
-        order.skipped = True
+        order.is_skipped = True
         self._open_orders.popleft()
-        self._plan(now_s)
+        self._schedule_order(now_s)
         if not self.skip_text:
             self.skip_text = f"{order.text} skipped: another station has set mode {self.mode()}"
 
@@ -231,15 +231,15 @@ class GroundStation:
         self._text_id = message.id
         self.texts.append((now_s, message.severity, text))
 
-    def _plan(self, now_s: float) -> None:
-        self._order_s = max(now_s + REACTION_S, self._open_orders[0].due_s) if self._open_orders else math.inf
+    def _schedule_order(self, now_s: float) -> None:
+        self._next_order_s = max(now_s + REACTION_S, self._open_orders[0].due_s) if self._open_orders else math.inf
 
     def _skip_overdue(self, now_s: float) -> None:
         while len(self._open_orders) > 1 and self._open_orders[0].goal and self._open_orders[1].due_s <= now_s:
             self._open_orders.popleft()
 
     def _request_status(self, now_s: float) -> bytes:
-        self._order_s = min(now_s + STATUS_REQUEST_S, self._ready_by_s)
+        self._next_order_s = min(now_s + STATUS_REQUEST_S, self._ready_by_s)
         return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_SYS_STATUS),), 0)
 
     def _send_order(self, order: Order, now_s: float) -> bytes:
@@ -247,7 +247,7 @@ class GroundStation:
             order.first_sent_s = now_s
         frame = self._command(order.command, order.parameters, order.confirmation)
         order.confirmation = min(order.confirmation + 1, 255)
-        self._order_s = now_s + RETRY_S
+        self._next_order_s = now_s + RETRY_S
         return frame
 
     def _command(self, command: int, parameters: tuple[float, ...], confirmation: int) -> bytes:

@@ -38,7 +38,7 @@ class LiveDisplay:
         self._station = station
         self._live = Live(console=console, auto_refresh=False, transient=True)
         self._next_s = 0.0
-        self._last: tuple[float, float] | None = None
+        self._last_times_s: tuple[float, float] | None = None
         self._speed = math.nan
 
     def __enter__(self) -> Self:
@@ -102,9 +102,9 @@ class LiveDisplay:
 
     def _measure_speed(self, now_s: float) -> None:
         simulated_s = self._world.now_s
-        if self._last is not None and now_s > self._last[0]:
-            self._speed = (simulated_s - self._last[1]) / (now_s - self._last[0])
-        self._last = (now_s, simulated_s)
+        if self._last_times_s is not None and now_s > self._last_times_s[0]:
+            self._speed = (simulated_s - self._last_times_s[1]) / (now_s - self._last_times_s[0])
+        self._last_times_s = (now_s, simulated_s)
 
 
 def rose(heading_deg: float, goal_deg: float | None) -> Text:

@@ -60,7 +60,7 @@ def run(options: RunOptions) -> Run:
     # In real time a receiver with another date than the computer would be a fault.
     with recorded_run(options, START_UTC_S if options.lockstep else time.time()) as book:
         station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
-        station.silent = options.play and not station.orders  # the operator steers
+        station.is_silent = options.play and not station.orders  # the operator steers
         devices: dict[str, Emulator] = {**make_emulators(book.world, options.vehicle, options.seed), "link": station}
         if (modem := directory_modem.make_modem(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
             devices[directory_modem.PORT] = modem
@@ -116,8 +116,8 @@ class _Run:
         self._board = board
         self._station = station
         self._socket_path = directory / "clock"
-        self._check_s = 0.0
-        self._stopped: Callable[[], bool] = lambda: False
+        self._next_check_s = 0.0
+        self._is_stopped: Callable[[], bool] = lambda: False
 
     def make(self) -> float:
         """Run to the end; return the duration in seconds without the start of the autopilot."""
@@ -141,7 +141,7 @@ class _Run:
                 display = page
                 arguments.append("--status")
             if options.play:
-                self._stopped = stack.enter_context(stopped_by_signal())
+                self._is_stopped = stack.enter_context(stopped_by_signal())
             if options.lockstep:
                 return self._in_lockstep([*arguments, "--lockstep", str(self._socket_path)], display)
             return self._in_real_time(arguments, display)
@@ -224,9 +224,9 @@ class _Run:
     def _is_under_way(self) -> bool:
         now_s = self._board.world.now_s
         if self._options.play:
-            return now_s < self._options.seconds and not self._stopped()
-        if now_s >= self._check_s:
-            self._check_s = now_s + CHECK_S
+            return now_s < self._options.seconds and not self._is_stopped()
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + CHECK_S
             if failure := self._station.failure(now_s):
                 raise HilError(f"{failure}; see {self._options.out / FIRMWARE_LOG}")
         return now_s < self._options.seconds

@@ -101,10 +101,8 @@ class World:
         self._has_two_bodies = bool(extra_columns(scenario))
         self.rudder_effect = 1.0  # share of the rudder angle that turns the boat; 0 for a lost blade
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
-        self.disturbances, self.ships = (
-            scenario.disturbances,
-            traffic.ships_of(scenario.disturbances.vessels, scenario.speed_m_s, seed),
-        )
+        self.disturbances = scenario.disturbances
+        self.ships = traffic.ships_of(scenario.disturbances.vessels, scenario.speed_m_s, seed)
         self._hull = Hull(scenario, model, seed)
         self._start_utc_s = start_utc_s
         self._goals = list(reversed(goals))

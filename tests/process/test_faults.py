@@ -271,8 +271,8 @@ DRILLS = (
         11.0, fault_time_s=2.0,
     ),
     Drill(
-        Fault.STATION_SILENT, set_value("station.silent", True), 11.5, check_failsafe("LOITER"),
-        set_value("station.silent", False), 2.0, check_mode("GUIDED"),
+        Fault.STATION_SILENT, set_value("station.is_silent", True), 11.5, check_failsafe("LOITER"),
+        set_value("station.is_silent", False), 2.0, check_mode("GUIDED"),
         options={"settings": FAILSAFE | {"FS_GCS_S": 10, "FS_GCS_ACT": 3}},
     ),
     Drill(
@@ -411,13 +411,13 @@ def test_run_with_many_faults_replays_bit_for_bit(fault_bench):
     bench.run(13.0 - bench.now_s)
     bench.world.jam(math.radians(20.0))
     bench.server.step_utc(-365.0 * 86400.0)
-    bench.station.silent = True
+    bench.station.is_silent = True
     bench.run(12.0)
     bench.world.free()
     bench.compass.silent = True
     bench.servo.power_cycle(bench.now_s, 1.0)
     bench.run(8.0)
-    bench.compass.silent = bench.station.silent = False
+    bench.compass.silent = bench.station.is_silent = False
     bench.whereabouts.north_m = 1e4
     bench.run(10.0)
     logs = bench.finish()

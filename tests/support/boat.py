@@ -294,8 +294,7 @@ class Boat:
 
     def order(self, command, *values):
         """Have the operator give one more command."""
-        self.station._open_orders.append(Order("order", self.now_s, command, values))
-        self.station._plan(self.now_s)
+        self.station.order(Order("order", self.now_s, command, values), self.now_s)
 
     def mode(self):
         """Return the mode of a new heartbeat."""

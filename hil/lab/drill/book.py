@@ -213,8 +213,8 @@ BOOK: tuple[Drill, ...] = (
         is_on_course, can_pair=True,
     ),
     Drill(
-        "station silent", "Ground station link lost", "Ground station link recovered", assign("station.silent", True),
-        assign("station.silent", False),
+        "station silent", "Ground station link lost", "Ground station link recovered",
+        assign("station.is_silent", True), assign("station.is_silent", False),
         12.0, 4.0, 3.0, has_mode("LOITER"), ("Failsafe", "Mode"),
         settings=AUTO_RESUME | {"FS_GCS_S": 10.0, "FS_GCS_ACT": 3.0},
     ),

@@ -98,8 +98,7 @@ def autopilot_of(parameters: ParameterSet) -> Autopilot:
 def steps_in(ship: KtModel, step_s: float) -> int:
     """Return the number of Runge-Kutta steps in a time step `step_s`; raise ValueError for an invalid ship.
 
-    The ship is scaled by similarity so that the time step becomes LARGEST_STEP_S; then the plant's own step limit has
-    no
+    The ship is scaled by similarity so that the time step becomes MAX_STEP_S; then the plant's own step limit has no
     effect.
     """
     return inner_steps(ship.at_speed(ship.speed_m_s * step_s / MAX_STEP_S), MAX_STEP_S)

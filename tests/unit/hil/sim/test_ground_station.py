@@ -199,7 +199,7 @@ def test_goals_are_skipped_after_another_station_has_set_a_mode(shared):
     assert station.failure(150.0) is None
     assert station.final_failure() is None
     assert station.skip_text == "goal 20 deg at 60 s skipped: another station has set mode HOLD, armed"
-    assert [order.skipped for order in station.orders if order.goal] == [False, True, True, False]
+    assert [order.is_skipped for order in station.orders if order.goal] == [False, True, True, False]
     in_hold.clear()
     play(station, vehicle, 200.0, start_s=155.0)  # GUIDED again
     assert station.orders[-1].accepted_s == pytest.approx(180.0, abs=0.1)

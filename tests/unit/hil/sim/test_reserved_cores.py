@@ -120,7 +120,7 @@ def test_both_programs_share_one_core_after_a_timeout(peer, yield_s):
     peer.now_s += PAUSE_S
     assert turn_taking.poll_time_s() == 0.0
     yields = peer.yields
-    turn_taking.poll()  # return_taking at once
+    turn_taking.poll()  # returns at once
     assert peer.yields == yields
     peer.now_s += PAUSE_S
     assert turn_taking.poll_time_s() == POLL_S
