@@ -193,7 +193,7 @@ def _serve_watchdogs(parts: LoopParts, now_s: float) -> None:
         if part not in hanging:
             done = "has ended" if not part.alive else f"no progress for {part.patience_s:.0f} s"
             raise StuckError(f"{part.name}: {done}")
-    parts.health.hanging = ", ".join(part.name for part in hanging)
+    parts.health.blocked_threads = ", ".join(part.name for part in hanging)
     modes = parts.autopilot.state.modes
     watchdogs.notify_alive(now_s, f"{modes.mode.name}, {'armed' if modes.armed else 'disarmed'}")
 

@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
         code = _run_loop(assembly, supervision, signals, real_time=arguments.lockstep is None)
         restart = assembly.parts.autopilot.restart
-        if code != 0 or restart is None or signals.stopping:
+        if code != 0 or restart is None or signals.is_stopping:
             return code
         if not restart.shutdown:
             signals.block()
@@ -145,9 +145,9 @@ def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision
 def _delay_exit(reason: str, signals: Signals) -> None:
     """Delay the exit under a service manager, which would otherwise restart the program in a fast loop."""
     manager = ServiceManager(os.environ)
-    end_s = time.monotonic() + (RETRY_DELAY_S if manager.present else 0.0)
+    end_s = time.monotonic() + (RETRY_DELAY_S if manager.is_present else 0.0)
     manager.notify_status(reason)
-    while time.monotonic() < end_s and not signals.stopping:
+    while time.monotonic() < end_s and not signals.is_stopping:
         time.sleep(0.1)
 
 
@@ -158,14 +158,14 @@ def _run_loop(assembly: Assembly, supervision: Supervision, signals: Signals, *,
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
     try:
-        run_loop(assembly.parts, lambda: signals.stopping)
+        run_loop(assembly.parts, lambda: signals.is_stopping)
     except StuckError as error:
         supervision.end_with_error(str(error))
         assembly.console.line(f"rambler run: {error}; rudder safe, restarting")
         _exit_stuck(assembly)
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
-        return 0 if signals.stopping else 1
+        return 0 if signals.is_stopping else 1
     except Exception as error:  # noqa: BLE001 - the rudder is safe; the traceback must not wait for a blocked reader
         for line in traceback.format_exc().splitlines():
             assembly.console.line(line)
@@ -173,7 +173,7 @@ def _run_loop(assembly: Assembly, supervision: Supervision, signals: Signals, *,
         return 1
     else:
         restart = assembly.parts.autopilot.restart
-        supervision.end(restart=restart is not None and not restart.shutdown and not signals.stopping)
+        supervision.end(restart=restart is not None and not restart.shutdown and not signals.is_stopping)
         return 0
     finally:
         assembly.close()

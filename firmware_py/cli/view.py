@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         if by_harness:
             threading.Thread(target=_read_harness, args=(feed, input_ended), daemon=True).start()
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.5}, daemon=True).start()
-        while not signals.stopping and not input_ended.is_set():
+        while not signals.is_stopping and not input_ended.is_set():
             hub.publish(lambda: (feed.poll(), history.epoch))
             time.sleep(HARNESS_POLL_INTERVAL_S if by_harness else POLL_INTERVAL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))

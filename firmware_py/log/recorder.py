@@ -78,7 +78,7 @@ class LogRecorder:
         self._dropped_ticks = 0
         self._drop_reason = ""  # reason why the last tick was dropped, empty if it was not
         self._opened_files = self._file_size = 0  # `requested_files` at the start of the last file; its bytes
-        self._held: list[tuple[Inputs, Output, Callable[[], str]]] = []  # ticks that are not encoded yet
+        self._held_ticks: list[tuple[Inputs, Output, Callable[[], str]]] = []  # ticks that are not encoded yet
         self._mode: int | None = None
         self._severe_faults = 0  # severe faults of the last tick
         self._archive_worker = ArchiveWorker(directory)
@@ -102,13 +102,17 @@ class LogRecorder:
     def offer(self, inputs: Inputs, output: Output, previous_state: Callable[[], str]) -> None:
         """Queue a tick without blocking, or drop and count it; a tick without events and requests may be held."""
         self._update_thin_log(inputs, output)
-        self._held.append((inputs, output, previous_state))
-        if output.events or inputs.requests or len(self._held) >= min(MAX_HELD_TICKS, MAX_HELD_S * inputs.tick.rate_hz):
+        self._held_ticks.append((inputs, output, previous_state))
+        if (
+            output.events
+            or inputs.requests
+            or len(self._held_ticks) >= min(MAX_HELD_TICKS, MAX_HELD_S * inputs.tick.rate_hz)
+        ):
             self._queue_held_ticks()
 
     def _queue_held_ticks(self) -> None:
-        held, self._held = self._held, []
-        for inputs, output, previous_state in held:
+        held_ticks, self._held_ticks = self._held_ticks, []
+        for inputs, output, previous_state in held_ticks:
             self._queue_tick(inputs, output, previous_state)
 
     def _queue_tick(self, inputs: Inputs, output: Output, previous_state: Callable[[], str]) -> None:
@@ -116,7 +120,7 @@ class LogRecorder:
         sequence = self._sequence
         self._sequence += 1
         changed = self._apply_settings(inputs)
-        if self.writer.full():
+        if self.writer.is_full():
             self._drop("log: disk too slow, tick dropped")
             return
         requested = self.writer.requested_files
@@ -140,7 +144,7 @@ class LogRecorder:
         """Return the health of the log; `rejected` is the number of ticks dropped or lost."""
         lost = self._dropped_ticks + self.writer.lost
         text = self._drop_reason or self.writer.failure or self._thin_file.failure or self._archive_worker.failure
-        if not self.writer.alive():
+        if not self.writer.is_alive():
             text = text or "log: the writer has ended"
         state = DeviceState.RUNNING if self.writer.has_written else DeviceState.STARTING
         if self.writer.low_space:

@@ -87,13 +87,13 @@ class LogWriter:
 
     # ------------------------------------------------------ called on the loop's thread
 
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Return whether the queue is full, so that the next batch must be dropped."""
         queued_bytes = self._queued_total_bytes - self._taken_total_bytes
         return len(self._queue) >= self._queue_batches or queued_bytes >= self._queue_bytes
 
     def put(self, data: bytes, *, opens_file: bool) -> None:
-        """Queue a batch of any size; the caller checks `full` first."""
+        """Queue a batch of any size; the caller checks `is_full` first."""
         self._queue.append(Batch(data, opens_file))
         self._queued_total_bytes += len(data)
         is_half_full = (
@@ -105,7 +105,7 @@ class LogWriter:
         elif is_half_full and not self._wake.is_set():
             self._wake.set()
         if self._wait_for_disk and (thread := self._thread) is not None:
-            while thread.is_alive() and (self.full() or not (self.has_written or self.failure)):
+            while thread.is_alive() and (self.is_full() or not (self.has_written or self.failure)):
                 self._turned.clear()
                 self._wake.set()
                 if not self._turned.wait(CLOSE_WAIT_S):
@@ -116,7 +116,7 @@ class LogWriter:
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Return whether the thread is running; True if none has been started or the writer is closing."""
         return self._thread is None or self._closing or self._thread.is_alive()
 

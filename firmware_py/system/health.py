@@ -48,7 +48,7 @@ class HealthMonitor:
         }
         self._changes: tuple[DeviceHealth, ...] = ()
         self.latest: Mapping[DeviceRole, DeviceHealth] = {}  # the last report of each device
-        self.hanging = ""  # names of threads that wait for a blocked disk
+        self.blocked_threads = ""  # names of threads that wait for a blocked disk
         self._due_s = -math.inf
         self._clock = ClockMonitor()
 
@@ -66,7 +66,7 @@ class HealthMonitor:
         self._due_s = now_s + INTERVAL_S
         reports = [device.health(now_s) for device in devices]
         reports += [
-            _storage_health(*storage, self.hanging, now_s),
+            _storage_health(*storage, self.blocked_threads, now_s),
             self._clock.update(clock, now_s),
             _link_health(link, now_s),
             _key_health(link, now_s),
@@ -83,10 +83,10 @@ class HealthMonitor:
         return changes
 
 
-def _storage_health(store: Store, recorder: Recorder | None, hanging: str, now_s: float) -> DeviceHealth:
+def _storage_health(store: Store, recorder: Recorder | None, blocked_threads: str, now_s: float) -> DeviceHealth:
     """Return the health of the storage: log and state store."""
-    if hanging:
-        text = f"disk not responding: {hanging}"
+    if blocked_threads:
+        text = f"disk not responding: {blocked_threads}"
         return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, text)
     if failure := store.failure:
         return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)

@@ -25,7 +25,7 @@ class ServiceManager:
         self._last_status = ""
 
     @property
-    def present(self) -> bool:
+    def is_present(self) -> bool:
         """Whether this process has a service manager."""
         return bool(self._address)
 

@@ -43,7 +43,7 @@ class Signals:
 
     def __init__(self) -> None:
         """Initialise without received signals."""
-        self.stopping = False
+        self.is_stopping = False
         self._signals: deque[int] = deque()
         self._previous_handlers: dict[int, object] = {}
 
@@ -65,7 +65,7 @@ class Signals:
     ) -> None:
         """Restore the handlers; if stopping, ignore all signals instead, so that none changes the exit code."""
         for number, previous_handler in self._previous_handlers.items():
-            signal.signal(number, signal.SIG_IGN if self.stopping else previous_handler)  # type: ignore[arg-type]
+            signal.signal(number, signal.SIG_IGN if self.is_stopping else previous_handler)  # type: ignore[arg-type]
 
     def block(self) -> None:
         """Block the signals until the program that replaces this one handles them."""
@@ -76,9 +76,9 @@ class Signals:
         return tuple(_event(self._signals.popleft()) for _ in range(len(self._signals)))
 
     def _stop(self, number: int, _frame: FrameType | None) -> None:
-        if not self.stopping:  # only the first one is reported
+        if not self.is_stopping:  # only the first one is reported
             self._signals.append(number)
-        self.stopping = True
+        self.is_stopping = True
 
     def _continue(self, number: int, _frame: FrameType | None) -> None:
         signal.signal(number, signal.SIG_IGN)  # further ones are not reported

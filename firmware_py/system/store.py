@@ -37,12 +37,12 @@ _MOUNTING = "the state directory is being loaded"
 class Job(msgspec.Struct, frozen=True):
     """A version to write, or None to withdraw a failed version.
 
-    `once`: do not retry. `both_slots`: write into both slots. `aside`: do not write, but rename the slots of this
-    record that an earlier version of the program wrote.
+    `no_retry`: after a failure, withdraw the version. `both_slots`: write into both slots. `aside`: do not write, but
+    rename the slots of this record that an earlier version of the program wrote.
     """
 
     content: bytes | None
-    once: bool = False
+    no_retry: bool = False
     both_slots: bool = False
     aside: str = ""
 
@@ -57,7 +57,7 @@ class Failure(msgspec.Struct, frozen=True):
 def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Failure | None:
     """Do a job, unless the directory is not locked; return the failure, or None."""
     if lock_problem:
-        return Failure(f"{name} cannot be stored: {lock_problem}", Job(None) if job.once else job)
+        return Failure(f"{name} cannot be stored: {lock_problem}", Job(None) if job.no_retry else job)
     try:
         if job.aside:
             writer.set_aside(job.aside)
@@ -70,7 +70,7 @@ def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Fai
         text = f"{name} cannot be {'set aside' if job.aside else 'stored'}: {error.strerror or error}"
         if writer.is_uncertain(name):
             text += "; the next start may find it nevertheless"
-        return Failure(text, Job(None) if job.once else job)
+        return Failure(text, Job(None) if job.no_retry else job)
     return None
 
 
@@ -218,7 +218,7 @@ class Store:
         On an error the version is withdrawn, so that the next start loads the previous one, and done(False) is called.
         """
         with self._lock:
-            self._queue(name, Job(content, once=True))
+            self._queue(name, Job(content, no_retry=True))
             self._pending_callbacks.append(_PendingCallback({name: self._requested[name]}, done))
 
     def when_stored(self, names: Collection[str], call: Callable[[bool], None]) -> None:

@@ -71,7 +71,7 @@ class Watchdogs:
         self._manager = manager if manager is not None else ServiceManager({})
         self._hardware = hardware
         # If nothing restarts the process, it must not end because of a stuck thread.
-        self.can_restart = self._manager.present or hardware is not None
+        self.can_restart = self._manager.is_present or hardware is not None
         self._status = ""
 
     def notify_alive(self, now_s: float, status: str = "") -> None:

@@ -232,6 +232,7 @@ def test_logs_are_removed_by_age_and_boxes_are_not(tmp_path, ages_days, now_s, r
         ("free_files", MIN_FREE_FILES, 1, 0),
         ("free_files", MIN_FREE_FILES - 3, 1, 3),
         ("free_files", 0, 1, MIN_FREE_FILES),
+        ("free_files", MIN_FREE_FILES - 10, 1, 10),  # all logs
         ("free_files", -3, 1, 0),
     ],
 )

@@ -115,11 +115,11 @@ def test_queue_is_full_at_its_limit(disk, limit, batches, last_batch):
     writer = make_writer(disk, **limit)
     writer._thread = threading.current_thread()  # the queue is not drained
     put(writer, *batches)
-    assert not writer.full()
+    assert not writer.is_full()
     put(writer, last_batch)
-    assert writer.full()
+    assert writer.is_full()
     writer.drain()
-    assert not writer.full()
+    assert not writer.is_full()
 
 
 def test_full_disk_loses_batches_until_a_new_file_can_be_written(disk):
@@ -169,7 +169,7 @@ def test_close_waits_until_the_thread_has_written_the_queue(disk):
     put(writer, b"ONE", b"two")
     writer.close()
     assert (disk.files, disk.open) == ({"1": b"onetwo"}, {})
-    assert writer.alive()
+    assert writer.is_alive()
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_with_wait_for_disk_the_loop_waits_for_the_first_sync_and_for_space(disk
     put(writer, b"ONE")
     assert (writer.has_written, disk.files) == (True, {"1": b"one"})
     for _ in range(40):
-        assert not writer.full()
+        assert not writer.is_full()
         put(writer, b"two")
     writer.close()
     assert (disk.files, writer.lost) == ({"1": b"one" + 40 * b"two"}, 0)
@@ -214,4 +214,4 @@ def test_without_a_thread_a_half_full_queue_is_written_at_once(disk):
     writer = make_writer(disk, queue_batches=4)
     put(writer, b"ONE", b"two", b"three", b"four", b"five")
     assert disk.files["1"].startswith(b"onetwothree")
-    assert not writer.full()
+    assert not writer.is_full()

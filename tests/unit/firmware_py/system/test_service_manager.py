@@ -32,7 +32,7 @@ def read_notifications(bound):
 def test_ready_is_sent_once_then_watchdog_resets_and_changes(manager_socket):
     bound, name = manager_socket
     manager = ServiceManager({"NOTIFY_SOCKET": name})
-    assert manager.present
+    assert manager.is_present
     for status in ("HOLD", "HOLD", "AUTO\nREADY=0 " + "x" * 500):
         manager.notify_alive(status)
     manager.notify_stopping()
@@ -62,7 +62,7 @@ def test_a_manager_that_does_not_read_does_not_block(manager_socket):
 @pytest.mark.parametrize("name", ["", "vsock:2:1234", "relative/path"])
 def test_without_a_socket_no_notification_is_sent(name):
     manager = ServiceManager({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "5000000"})
-    assert not manager.present
+    assert not manager.is_present
     assert manager.watchdog_s is None
     manager.notify_alive("HOLD")
 

@@ -32,7 +32,7 @@ def send(*numbers):
         texts = [event.text for event in signals.take_events()]
         assert signals.take_events() == ()
     assert all(len(text) <= 50 for text in texts)
-    return signals.stopping, texts
+    return signals.is_stopping, texts
 
 
 def signals_with(action):

@@ -178,6 +178,18 @@ def test_a_status_of_an_untrusted_user_is_refused(memory, state, tmp_path):
     assert find_all_statuses(NOW_S, (public,)) == {}
 
 
+@needs_root
+@pytest.mark.parametrize(("mode", "is_refused"), [(0o755, False), (0o775, True), (0o1777, True)])
+def test_the_owner_of_a_directory_is_trusted_if_others_cannot_write_to_it(state, tmp_path, mode, is_refused):
+    directory = tmp_path / "directory"
+    directory.mkdir()
+    directory.chmod(mode)
+    (directory / file_name(state)).write_bytes(content(state))
+    (directory / file_name(state)).chmod(0o640)
+    give_away(directory, directory / file_name(state))
+    assert find_status(state, NOW_S, (directory,)).is_refused is is_refused
+
+
 @pytest.mark.parametrize("mode", [0o660, 0o602])
 def test_a_file_that_others_may_write_is_refused(memory, state, mode):
     (memory / file_name(state)).write_bytes(content(state))
