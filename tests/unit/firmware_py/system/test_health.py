@@ -1,0 +1,64 @@
+from types import SimpleNamespace
+
+import pytest
+
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.system.health import STATION_TIMEOUT_S, STEP_REPORT_S, ClockMonitor, HealthMonitor
+
+RUNNING, FAULTY, SILENT = DeviceState.RUNNING, DeviceState.FAULTY, DeviceState.SILENT
+
+
+def make_clock(offset_s=0.0):
+    return SimpleNamespace(utc_s=lambda: offset_s, now_s=lambda: 0.0)
+
+
+@pytest.mark.parametrize(("step_s", "state"), [(2.0, RUNNING), (-2.0, RUNNING), (2.1, FAULTY), (-2.1, FAULTY)])
+def test_a_step_of_the_clock_is_reported_for_a_time(step_s, state):
+    monitor = ClockMonitor()
+    assert monitor.update(make_clock(), 0.0).state is RUNNING
+    health = monitor.update(make_clock(step_s), 1.0)
+    assert (health.state, f"{step_s:+.0f} s" in health.text) == (state, state is FAULTY)
+    assert monitor.update(make_clock(step_s), 0.9 + STEP_REPORT_S).state is state
+    assert monitor.update(make_clock(step_s), 1.0 + STEP_REPORT_S).state is RUNNING
+
+
+class Boat:
+    def __init__(self):
+        self.monitor = HealthMonitor()
+        self.compass_state = RUNNING
+        self.store = SimpleNamespace(failure="")
+        self.link = SimpleNamespace(key_problem="", station_s=None)
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.COMPASS, self.compass_state, 0, 0)
+
+    def update(self, now_s):
+        """Update the monitor; return role, state and text of the reports."""
+        self.monitor.update([self], (self.store, None), make_clock(), self.link, now_s)
+        return [(report.role, report.state, report.text) for report in self.monitor.take_reports()]
+
+
+def test_changes_are_reported_once_and_at_intervals():
+    boat = Boat()
+    assert boat.update(0.0) == [(DeviceRole.COMPASS, RUNNING, ""), (DeviceRole.STORAGE, RUNNING, "")]
+    boat.compass_state = SILENT
+    assert boat.update(0.4) == []
+    assert boat.update(0.5) == [(DeviceRole.COMPASS, SILENT, "")]
+    assert boat.update(1.0) == []
+    assert boat.monitor.latest[DeviceRole.COMPASS].state is SILENT
+
+
+def test_failures_of_storage_and_key_and_a_silent_station_are_reported():
+    boat = Boat()
+    boat.update(0.0)
+    boat.store.failure = "a cannot be stored"
+    boat.link.key_problem = "the signing key is lost"
+    boat.link.station_s = 1.0
+    assert boat.update(1.0) == [
+        (DeviceRole.STORAGE, FAULTY, "a cannot be stored"),
+        (DeviceRole.LINK, RUNNING, ""),
+        (DeviceRole.KEY, FAULTY, "the signing key is lost"),
+    ]
+    boat.monitor.blocked_threads = "log"
+    assert boat.update(1.0 + STATION_TIMEOUT_S) == [(DeviceRole.STORAGE, FAULTY, "disk not responding: log")]
+    assert boat.update(1.6 + STATION_TIMEOUT_S) == [(DeviceRole.LINK, SILENT, "")]
