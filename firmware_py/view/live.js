@@ -149,9 +149,9 @@ class Live {
     table("Devices", devices.map((device) => [inWords(device.device), [inWords(device.state), isKnown(device.rate_hz) ? `${device.rate_hz} Hz` : "",
       isKnown(device.age_s) ? `last message ${durationText(device.age_s)} ago` : "", `${device.rejected} rejected`, device.error].filter(Boolean).join(", "),
     device.state !== "running"]));
-    table("Links", (status.links || []).map((link) => [link.url, (link.peers.length ? link.peers.map((peer) => `${peer.address}, `
+    table("Links", (status.links || []).map((one) => [one.url, (one.peers.length ? one.peers.map((peer) => `${peer.address}, `
       + `${isKnown(peer.heard_age_s) ? `last message ${durationText(peer.heard_age_s)} ago` : "nothing received"}`).join("; ") : "no peer")
-      + (link.hindrance ? `; sending blocked: ${link.hindrance}` : ""), Boolean(link.hindrance)]));
+      + (one.hindrance ? `; sending blocked: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
     table("Vessels", ((status.traffic || {}).nearest || []).map((vessel) => [vessel.title || String(vessel.mmsi),
       `${formatNumber(vessel.distance_m, 1)} m, ${direction(vessel.bearing_deg, 0)}, report ${durationText(vessel.age_s)} ago`
       + (isKnown(vessel.cpa_m) ? `; closest approach ${formatNumber(vessel.cpa_m, 1)} m in ${durationText(vessel.cpa_in_s)}` : ""), vessel.near]));
