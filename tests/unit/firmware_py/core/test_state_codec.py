@@ -1,4 +1,4 @@
-"""State and resume record: the same to the bit after a round trip, and read by name when their records change."""
+"""State and resume record: identical to the bit after a round trip, and readable when their fields change."""
 
 import json
 import math
@@ -34,12 +34,12 @@ FIELDS = typing.get_type_hints(State)
 
 
 def under_way():
-    """The state of a boat on a mission."""
+    """Return the state of a boat on a mission."""
     return rig.on_a_mission().state
 
 
 def bits(value):
-    """A value with its floats as bits, so that NaN equals itself and -0.0 is not 0.0."""
+    """Return a value with its floats as bytes, so that NaN equals itself and -0.0 does not equal 0.0."""
     if isinstance(value, float):
         return struct.pack("<d", value)
     if isinstance(value, msgspec.Struct):
@@ -56,7 +56,7 @@ def bits(value):
 
 
 FAULTS = st.integers(0, (1 << len(Fault)) - 1)
-FLOATS = st.floats().map(lambda value: math.nan if math.isnan(value) else value)  # text has but one NaN
+FLOATS = st.floats().map(lambda value: math.nan if math.isnan(value) else value)  # a text has only one NaN
 TIMES = st.tuples(*[st.none() | FLOATS] * len(Fault))
 SIMPLE = {
     float: FLOATS,
@@ -77,12 +77,12 @@ SIMPLE = {
 
 
 def _any_like(default, hint):
-    """Any value of the annotation of a field; an array of floats of the shape of its default."""
+    """Return a strategy for the annotation of a field; for an array, with the shape of its default."""
     return arrays(float, default.shape, elements=FLOATS) if isinstance(default, np.ndarray) else any_of(hint)
 
 
 def any_of(hint):
-    """Any value of an annotation, or often the default of a field: a state has five hundred of them."""
+    """Return a strategy for an annotation, often with the default of a field, because a state has 500 of them."""
     if hint in SIMPLE:
         return SIMPLE[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
@@ -114,31 +114,31 @@ def any_of(hint):
 def test_any_state_is_restored_bit_for_bit(name, data):
     state = replace(State(), **{name: data.draw(any_of(FIELDS[name]))})
     text = state_to_text(state)
-    again, notes = state_from_text(text)
+    restored, notes = state_from_text(text)
     assert notes == ()
-    assert bits(again) == bits(state)
+    assert bits(restored) == bits(state)
     assert text.isascii()
 
 
-def test_the_state_under_way_is_restored_bit_for_bit():
+def test_state_of_a_mission_is_restored_bit_for_bit():
     text = state_to_text(under_way())
     assert text.startswith(f'{{"version":{VERSION},')
     assert bits(state_from_text(text)[0]) == bits(under_way())
 
 
-def edited(change, state=None):
-    """The state of another version, and the notes on it."""
+def edit_state(change, state=None):
+    """Return the state read from an edited text, and the notes."""
     plain = json.loads(state_to_text(under_way() if state is None else state))
     change(plain)
     return state_from_text(json.dumps(plain))
 
 
-def test_an_additional_field_is_ignored_and_reported():
+def test_additional_field_is_ignored_and_reported():
     def change(plain):
         plain["tide_m"] = 1.5
         plain["guidance"]["mission"]["laps"] = [1, 2]
 
-    state, notes = edited(change)
+    state, notes = edit_state(change)
     assert bits(state) == bits(under_way())
     assert notes == (
         "State: field 'tide_m' is not known here, ignored",
@@ -146,39 +146,39 @@ def test_an_additional_field_is_ignored_and_reported():
     )
 
 
-def test_a_missing_field_takes_its_default():
+def test_missing_field_takes_its_default():
     def change(plain):
         del plain["timing"]["skipped_total"], plain["guidance"]["mission"]["jumps"], plain["energy_meter"]
 
     late = replace(under_way(), timing=replace(under_way().timing, skipped_total=7))
-    state, notes = edited(change, late)
+    state, notes = edit_state(change, late)
     assert (state.timing.skipped_total, notes) == (0, ())
     assert state.modes == under_way().modes
 
 
-def test_every_field_of_the_state_has_a_default():
+def test_each_field_of_the_state_has_a_default():
     assert state_from_text(f'{{"version":{VERSION}}}') == (State(), ())
 
 
 @pytest.mark.parametrize(
     "name", [name for name, kind in FIELDS.items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
 )
-def test_every_record_of_the_state_can_have_its_fields_renamed(name, monkeypatch):
+def test_renamed_fields_of_each_record_are_found(name, monkeypatch):
     record = getattr(under_way(), name)
-    former = record_codec.FORMER_NAMES.get(type(record).__name__, {})
+    former_names = record_codec.FORMER_NAMES.get(type(record).__name__, {})
     renamed = {f"before_{field}": field for field in record.__struct_fields__}
-    monkeypatch.setitem(record_codec.FORMER_NAMES, type(record).__name__, former | renamed)
-    state, notes = edited(
+    monkeypatch.setitem(record_codec.FORMER_NAMES, type(record).__name__, former_names | renamed)
+    state, notes = edit_state(
         lambda plain: plain[name].update({old: plain[name].pop(field) for old, field in renamed.items()})
     )
     assert notes == ()
     assert bits(state) == bits(under_way())
 
 
-def test_a_record_of_the_state_that_was_renamed_is_found(monkeypatch):
+def test_renamed_record_of_the_state_is_found(monkeypatch):
     monkeypatch.setitem(record_codec.FORMER_NAMES, "State", {"latch": "fault_latch"})
-    state, notes = edited(lambda plain: plain.update(latch=plain.pop("fault_latch")), troubled())
-    assert (state.fault_latch, notes) == (troubled().fault_latch, ())
+    state, notes = edit_state(lambda plain: plain.update(latch=plain.pop("fault_latch")), state_with_faults())
+    assert (state.fault_latch, notes) == (state_with_faults().fault_latch, ())
 
 
 @pytest.mark.parametrize(
@@ -201,25 +201,25 @@ def test_a_record_of_the_state_that_was_renamed_is_found(monkeypatch):
         ("plans.fence.author", 7, ["State.plans.fence: field 'author' is not known here, ignored"]),
     ],
 )  # fmt: skip
-def test_an_unusable_value_is_ignored_and_reported(path, value, notes):
+def test_unusable_value_is_ignored_and_reported(path, value, notes):
     def change(plain):
-        *way, last = path.split(".")
-        for name in way:
+        *parents, last = path.split(".")
+        for name in parents:
             plain = plain[name]
         plain[last] = value
 
-    _, texts = edited(change)
+    _, texts = edit_state(change)
     assert list(texts) == notes
 
 
-def test_parameters_of_another_version():
+def test_parameters_of_another_version_take_their_defaults_if_invalid():
     state = replace(under_way(), parameters=ParameterSet().replaced("CTL_K1", 41.0).replaced("WP_RADIUS", 9.0))
 
     def change(plain):
         del plain["parameters"]["WP_RADIUS"]
         plain["parameters"] |= {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9, "BOOT_MODE": "AUTO"}
 
-    read, notes = edited(change, state)
+    read, notes = edit_state(change, state)
     assert read.parameters == ParameterSet().replaced("CTL_K1", 41.0)
     assert len(notes) == 3
     assert "State.parameters: parameter 'NEW_ONE' is not known here, ignored" in notes
@@ -245,33 +245,33 @@ def test_invalid_texts_are_refused(text, reason):
 
 # ---------------------------------------------------------------------------------- faults
 
-SET = (1 << Fault.COMPASS_SILENT) | (1 << Fault.STEERING_LOST)
+ACTIVE = (1 << Fault.COMPASS_SILENT) | (1 << Fault.STEERING_LOST)
 
 
-def troubled():
-    since = tuple(0.1 * fault if SET >> fault & 1 else None for fault in Fault)
-    failsafe = FailsafeState(SET, 1 << Fault.STEERING_LOST, Fault.STEERING_LOST, Mode.LOITER)
+def state_with_faults():
+    since = tuple(0.1 * fault if ACTIVE >> fault & 1 else None for fault in Fault)
+    failsafe = FailsafeState(ACTIVE, 1 << Fault.STEERING_LOST, Fault.STEERING_LOST, Mode.LOITER)
     state = under_way()
     supervisor = replace(state.supervisor, failsafe=failsafe)
-    return replace(state, fault_latch=LatchState(since, since, SET), supervisor=supervisor)
+    return replace(state, fault_latch=LatchState(since, since, ACTIVE), supervisor=supervisor)
 
 
 def test_faults_are_written_by_name():
-    plain = json.loads(state_to_text(troubled()))
+    plain = json.loads(state_to_text(state_with_faults()))
     assert plain["fault_latch"]["since_s"] == {"COMPASS_SILENT": 0.1 * 9, "STEERING_LOST": 0.1 * 23}
     assert plain["fault_latch"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
     assert plain["supervisor"]["failsafe"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
     assert plain["supervisor"]["failsafe"]["fault"] == "STEERING_LOST"
-    again, notes = state_from_text(state_to_text(troubled()))
-    assert (bits(again), notes) == (bits(troubled()), ())
+    restored, notes = state_from_text(state_to_text(state_with_faults()))
+    assert (bits(restored), notes) == (bits(state_with_faults()), ())
 
 
-def test_a_fault_that_is_named_twice_counts_once():
-    state, notes = edited(lambda plain: plain["fault_latch"]["active"].append("STEERING_LOST"), troubled())
-    assert (state.fault_latch, notes) == (troubled().fault_latch, ())
+def test_fault_named_twice_counts_once():
+    state, notes = edit_state(lambda plain: plain["fault_latch"]["active"].append("STEERING_LOST"), state_with_faults())
+    assert (state.fault_latch, notes) == (state_with_faults().fault_latch, ())
 
 
-def test_a_fault_that_is_not_known_is_ignored_and_reported():
+def test_unknown_fault_is_ignored_and_reported():
     def change(plain):
         latch, failsafe = plain["fault_latch"], plain["supervisor"]["failsafe"]
         latch["since_s"]["ICE_SEEN"] = 3.0
@@ -279,9 +279,9 @@ def test_a_fault_that_is_not_known_is_ignored_and_reported():
         failsafe["calling"].append("ICE_SEEN")
         failsafe["fault"] = "ICE_SEEN"
 
-    state, notes = edited(change, troubled())
-    assert state.fault_latch == troubled().fault_latch
-    failsafe = troubled().supervisor.failsafe
+    state, notes = edit_state(change, state_with_faults())
+    assert state.fault_latch == state_with_faults().fault_latch
+    failsafe = state_with_faults().supervisor.failsafe
     assert state.supervisor.failsafe == replace(failsafe, fault=None)
     places = ("fault_latch.since_s", "fault_latch.active", "supervisor.failsafe.calling", "supervisor.failsafe.fault")
     assert set(notes) == {f"State.{place}: fault 'ICE_SEEN' is not known here, ignored" for place in places}
@@ -290,12 +290,12 @@ def test_a_fault_that_is_not_known_is_ignored_and_reported():
 # ---------------------------------------------------------------------------------- resume
 
 
-def woken(data):
+def restore_record(data):
     return restore(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), data, Moment(UTC_S + 60.0))
 
 
-def stored(change=lambda _: None):
-    """The resume record of the boat under way, as another version wrote it."""
+def edit_record(change=lambda _: None):
+    """Return the edited resume record of the boat on a mission."""
     plain = msgspec.msgpack.decode(to_bytes(resume_of(under_way(), Moment(UTC_S))))
     change(plain)
     return msgspec.msgpack.encode(plain)
@@ -305,11 +305,11 @@ def stored(change=lambda _: None):
 @given(any_of(Resume))
 def test_any_resume_record_is_restored_bit_for_bit_or_refused(record):
     try:
-        again, notes = from_bytes(to_bytes(record))
-    except (ValueError, OverflowError):  # with a number that is none, or one that msgpack has not
+        restored, notes = from_bytes(to_bytes(record))
+    except (ValueError, OverflowError):  # for a number that is not finite, or too large for msgpack
         return
     assert notes == ()
-    assert bits(again) == bits(record)
+    assert bits(restored) == bits(record)
 
 
 def add_fields(plain):
@@ -322,33 +322,33 @@ def drop_fields(plain):
 
 
 @pytest.mark.parametrize("change", [add_fields, drop_fields])
-def test_an_update_restores_the_state(change):
-    whole, _ = woken(stored())
-    state, notes = woken(stored(change))
-    assert state.modes == whole.modes
+def test_resume_record_of_another_version_is_restored(change):
+    complete, _ = restore_record(edit_record())
+    state, notes = restore_record(edit_record(change))
+    assert state.modes == complete.modes
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
-    assert (state.guidance.mission, state.home) == (whole.guidance.mission, whole.home)
-    assert state.guidance.task == whole.guidance.task is not None
-    lost = change is add_fields
-    assert bool(notes) == lost
-    assert state.greeting == "Resumed AUTO, 60 s old" + (", incomplete" if lost else "")
+    assert (state.guidance.mission, state.home) == (complete.guidance.mission, complete.home)
+    assert state.guidance.task == complete.guidance.task is not None
+    is_incomplete = change is add_fields
+    assert bool(notes) == is_incomplete
+    assert state.greeting == "Resumed AUTO, 60 s old" + (", incomplete" if is_incomplete else "")
 
 
-def test_a_renamed_field_of_a_resume_record_is_found(monkeypatch):
+def test_renamed_field_of_a_resume_record_is_found(monkeypatch):
     monkeypatch.setitem(record_codec.FORMER_NAMES, "Resume", {"order": "task"})
-    state, notes = woken(stored(lambda plain: plain.update(order=plain.pop("task"))))
+    state, notes = restore_record(edit_record(lambda plain: plain.update(order=plain.pop("task"))))
     assert (state.guidance.task, notes) == (under_way().guidance.task, ())
 
 
 @pytest.mark.parametrize("name", ["utc_s", "modes", "mission"])
-def test_an_incomplete_resume_record_names_the_missing_field(name):
+def test_error_of_an_incomplete_resume_record_names_the_missing_field(name):
     with pytest.raises(ValueError, match=f"Resume: Object missing required field `{name}`"):
-        woken(stored(lambda plain: plain.pop(name)))
+        restore_record(edit_record(lambda plain: plain.pop(name)))
 
 
-def test_an_unusable_resume_record_is_reported():
+def test_unusable_resume_record_is_reported():
     texts, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
-    assert resume(start, stored(add_fields), Moment(UTC_S), texts.append).modes.mode is Mode.AUTO
+    assert resume(start, edit_record(add_fields), Moment(UTC_S), texts.append).modes.mode is Mode.AUTO
     assert texts[0].endswith(": Resume: field 'tide_m' is not known here, ignored")
     assert resume(start, b"\x80", Moment(UTC_S), texts.append) == replace(start, greeting="Not resumed: invalid record")
     assert texts[-1].endswith(" ignored: Resume: no version number")

@@ -1,4 +1,4 @@
-"""The tick as a pure function: inputs and rudder commands."""
+"""Tick as a pure function: from inputs to rudder commands and events."""
 
 import math
 import random
@@ -49,23 +49,23 @@ from firmware_py.faults.table import Fault
 from firmware_py.model.kt import rk4_step
 from firmware_py.plans.items import Command
 
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+
 
 class Boat:
-    """The K-T boat around step(): ten ticks a second, everything in radians."""
+    """A K-T boat with the tick at 10 Hz."""
 
     def __init__(self, parameters=None, heading_rad=0.5, noise_rad=0.0, seed=1):
         self.state = State.at_start(parameters or ParameterSet())
         self.heading_rad, self.rate_rad_s, self.shaft_rad = heading_rad, 0.0, 0.0
         self.index = 0
         self.compass = self.servo = True
-        self.compass_every = self.position_every = self.servo_every = 1  # ticks
+        self.compass_ticks = self.position_ticks = self.servo_ticks = 1  # interval of samples
         self.position = None
         self.noise_rad, self.rng = noise_rad, random.Random(seed)
         self.hardware_error = 0
         self.charge = None  # of the battery
-        self.events = []
-        self.outputs = []
-        self.inputs = []
+        self.events, self.outputs, self.inputs = [], [], []
 
     @property
     def t_s(self):
@@ -79,9 +79,9 @@ class Boat:
         feedback = RudderFeedback(t_s - 0.05, self.shaft_rad, hardware_error=self.hardware_error)
         inputs = Inputs(
             Tick(self.index, t_s, 0.0001, skipped, 10.0),
-            (heading,) if self.compass and self.index % self.compass_every == 0 else (),
-            (replace(self.position, t_s=t_s),) if self.position and self.index % self.position_every == 0 else (),
-            (feedback,) if self.servo and self.index % self.servo_every == 0 else (),
+            (heading,) if self.compass and self.index % self.compass_ticks == 0 else (),
+            (replace(self.position, t_s=t_s),) if self.position and self.index % self.position_ticks == 0 else (),
+            (feedback,) if self.servo and self.index % self.servo_ticks == 0 else (),
             devices,
             tuple(Request(t_s - 0.01, intent) for intent in intents),
             () if self.charge is None else (PowerSample(t_s, 0, 12.8, -0.3, self.charge),),
@@ -117,7 +117,7 @@ class Boat:
         return output
 
     def pass_time(self, seconds):
-        """Tick once a second, for conditions that take minutes; the boat itself hardly moves."""
+        """Tick once a second, for conditions that last minutes; the boat hardly moves."""
         for _ in range(round(seconds)):
             self.index += 9
             output = self.tick()
@@ -130,19 +130,19 @@ class Boat:
         return self
 
 
-def off_deg(boat, goal_rad):
+def error_deg(boat, goal_rad):
     return abs(math.degrees(math.remainder(boat.heading_rad - goal_rad, 2 * math.pi)))
 
 
-def test_a_heading_goal_is_reached_and_held():
+def test_heading_goal_is_reached():
     boat = Boat(noise_rad=math.radians(0.3)).under_way()
     boat.tick(SteerHeading(5.9))
     boat.run(120.0)
-    assert off_deg(boat, 5.9) < 0.5
+    assert error_deg(boat, 5.9) < 0.5
     assert boat.outputs[-1].snapshot.goal_heading_rad == pytest.approx(5.9)
 
 
-def test_disarmed_and_hold_centre_the_rudder_and_release_is_a_parameter():
+def test_rudder_is_centred_disarmed_and_in_hold_and_released_by_parameter():
     boat = Boat()
     boat.run(1.0)
     boat.tick(SetMode(Mode.GUIDED), SteerHeading(3.0))
@@ -157,7 +157,7 @@ def test_disarmed_and_hold_centre_the_rudder_and_release_is_a_parameter():
 
 
 @pytest.mark.parametrize("released", [0, 1])
-def test_a_bench_command_moves_the_rudder_until_its_end_or_arming(released):
+def test_bench_command_moves_the_rudder_until_its_end_or_arming(released):
     boat = Boat(ParameterSet().replaced("RUD_DISARMED", released))
     boat.run(1.0)
     assert boat.outputs[-1].command.torque_on is not bool(released)
@@ -175,7 +175,7 @@ def test_a_bench_command_moves_the_rudder_until_its_end_or_arming(released):
     assert boat.outputs[-1].snapshot.rudder_command_rad == 0.0  # HOLD
 
 
-def test_the_snapshot_says_why_arming_would_be_refused():
+def test_snapshot_has_the_reason_of_an_arming_refusal():
     boat = Boat()
     boat.run(1.0)
     assert boat.outputs[-1].snapshot.prearm_refusal == ""
@@ -184,7 +184,7 @@ def test_the_snapshot_says_why_arming_would_be_refused():
     assert boat.outputs[-1].snapshot.prearm_refusal == "no valid heading"
 
 
-def test_manual_follows_the_stick_within_the_slew_and_releases_a_stale_one():
+def test_manual_follows_the_stick_within_the_rate_limit_and_ignores_an_old_stick():
     boat = Boat().under_way(Mode.MANUAL)
     output = boat.tick(ManualRudder(-1.0))
     assert output.snapshot.rudder_command_rad == pytest.approx(math.radians(-3.0), rel=1e-6)
@@ -192,17 +192,17 @@ def test_manual_follows_the_stick_within_the_slew_and_releases_a_stale_one():
     assert boat.run(3.0).snapshot.rudder_command_rad == 0.0
 
 
-def test_in_steering_the_stick_turns_the_goal():
+def test_stick_turns_the_goal_in_steering():
     boat = Boat().under_way(Mode.STEERING)
     for _ in range(100):
         boat.tick(ManualRudder(0.5))
     boat.tick(ManualRudder(None))
     boat.run(60.0)
-    # Within the deadband of the first minute, when the filter still expects waves.
-    assert off_deg(boat, 0.5 + math.radians(10.0)) < 2.0
+    # Within the deadband of the first minute, in which the filter expects waves.
+    assert error_deg(boat, 0.5 + math.radians(10.0)) < 2.0
 
 
-def test_a_turn_the_long_way_goes_that_way():
+def test_turn_has_the_commanded_direction():
     boat = Boat(heading_rad=1.0).under_way()
     boat.tick(SteerHeading(1.5, turn=-1))
     boat.run(30.0)
@@ -211,37 +211,37 @@ def test_a_turn_the_long_way_goes_that_way():
     assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.02)
 
 
-def test_a_position_goal_is_approached():
+def test_position_goal_is_approached():
     boat = Boat()
-    boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), 10
+    boat.position, boat.position_ticks = FIX, 10
     boat.under_way()
     boat.tick(SteerPosition(0.5, 0.5001))
     output = boat.run(300.0)
-    assert off_deg(boat, math.pi / 2) < 2.0
+    assert error_deg(boat, math.pi / 2) < 2.0
     assert output.snapshot.distance_m == pytest.approx(559.0 - 120.0, abs=20.0)
     assert output.snapshot.bearing_rad == pytest.approx(math.pi / 2, abs=0.03)
     assert abs(output.snapshot.navigation.cross_track_m) < 5.0
     assert output.snapshot.navigation.activity is Activity.LINE
 
 
-def test_without_a_heading_the_rudder_is_held_then_centred_until_recovery():
+def test_rudder_is_constant_then_centred_without_a_heading():
     boat = Boat().under_way()
     boat.tick(SteerHeading(2.5))
     boat.run(5.0)
     assert boat.outputs[-1].command.shaft_rad > 0.3
     boat.compass = False
-    held_rad = boat.run(1.5).command.shaft_rad
+    last_rad = boat.run(1.5).command.shaft_rad
     assert "No valid heading: rudder held, then centred" in boat.events
     assert boat.outputs[-1].snapshot.faults >> Fault.COMPASS_LOST & 1
-    assert boat.run(8.0).command.shaft_rad == held_rad
+    assert boat.run(8.0).command.shaft_rad == last_rad
     assert boat.run(4.0).command.shaft_rad == 0.0
     boat.compass = True
     boat.run(120.0)
     assert "Heading recovered" in boat.events
-    assert off_deg(boat, 2.5) < 0.5
+    assert error_deg(boat, 2.5) < 0.5
 
 
-def test_centre_and_direction_of_the_servo_are_taken_into_account():
+def test_shaft_angle_includes_centre_and_direction_of_the_servo():
     parameters = ParameterSet().replaced("RUD_CENTRE_DEG", 10.0).replaced("RUD_REVERSE", 1)
     boat = Boat(parameters).under_way(Mode.MANUAL)
     boat.tick(ManualRudder(1.0))
@@ -250,30 +250,24 @@ def test_centre_and_direction_of_the_servo_are_taken_into_account():
     assert output.snapshot.rudder_rad == pytest.approx(math.radians(30.0), rel=1e-3)
 
 
+def faulty(boat, role):
+    return (DeviceHealth(boat.t_s, role, DeviceState.FAULTY, 0, 1, "error"),)
+
+
 @pytest.mark.parametrize(
     ("provoke", "fault"),
     [
         (lambda boat: setattr(boat, "servo", False), Fault.RUDDER_SILENT),
         (lambda boat: setattr(boat, "hardware_error", 4), Fault.RUDDER_ERROR),
-        (
-            lambda boat: boat.tick(
-                devices=(DeviceHealth(boat.t_s, DeviceRole.RUDDER, DeviceState.FAULTY, 0, 1, "refuses its mode"),)
-            ),
-            Fault.RUDDER_ERROR,
-        ),
+        (lambda boat: boat.tick(devices=faulty(boat, DeviceRole.RUDDER)), Fault.RUDDER_ERROR),
         (lambda boat: boat.tick(skipped=3), Fault.LOOP_LATE),
-        (
-            lambda boat: boat.tick(
-                devices=(DeviceHealth(boat.t_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, "full"),)
-            ),
-            Fault.STORAGE_FAILING,
-        ),
+        (lambda boat: boat.tick(devices=faulty(boat, DeviceRole.STORAGE)), Fault.STORAGE_FAILING),
         (lambda boat: setattr(boat, "position", None), Fault.POSITION_LOST),
     ],
 )
-def test_each_fault_is_detected_and_reported(provoke, fault):
+def test_each_fault_is_detected(provoke, fault):
     boat = Boat()
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     boat.run(3.0)
     assert boat.outputs[-1].snapshot.faults == 0
     provoke(boat)
@@ -294,7 +288,7 @@ def test_charger_errors_are_reported_at_intervals():
     for error in (17, 0, 18, 0):
         report(DeviceRole.POWER, error)
     report(DeviceRole.POWER_B, 2)
-    report(DeviceRole.COMPASS, 3)  # which has faults of its own
+    report(DeviceRole.COMPASS, 3)  # a compass has its own faults
     reported = [text for text in boat.events if text.startswith("Power")]
     assert reported == ["Power monitor: charger reports error 17", "Power monitor: charger reports error 2"]
     boat.pass_time(400.0)
@@ -310,9 +304,9 @@ def test_missing_devices_are_no_fault_before_their_timeout():
 
 
 @pytest.mark.parametrize("halted_s", [1.5, 5.0, 60.0])
-def test_a_servo_is_not_silent_after_the_process_was_halted(halted_s):
+def test_servo_is_not_silent_after_a_halt_of_the_process(halted_s):
     boat = Boat(ParameterSet().replaced("FS_RUD_ACT", 4)).under_way()
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     boat.run(10.0)
     boat.index += round(10 * halted_s)
     boat.servo = False  # no reply during the halt
@@ -323,25 +317,25 @@ def test_a_servo_is_not_silent_after_the_process_was_halted(halted_s):
     assert "Rudder servo not responding" not in boat.events
 
 
-@pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
+@pytest.mark.parametrize(("ticks", "timeout_s"), [(1, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
 @pytest.mark.parametrize("estimator", [0, 1])
-def test_the_compass_timeout_depends_on_its_rate(every, found_s, estimator):
+def test_compass_timeout_depends_on_its_rate(ticks, timeout_s, estimator):
     boat = Boat(ParameterSet().replaced("EST_MODE", estimator), noise_rad=0.002)
-    boat.compass_every = every
+    boat.compass_ticks = ticks
     boat.under_way()
     assert boat.run(20.0).snapshot.faults == 0
-    while (boat.index - 1) % every:
+    while (boat.index - 1) % ticks:
         boat.tick()
-    boat.compass = False  # the last heading was in the tick before
+    boat.compass = False  # the last heading was in the previous tick
     last_s = boat.t_s - 0.1 - 0.002
     while not boat.run(0.1).snapshot.faults >> Fault.COMPASS_LOST & 1:
         assert boat.t_s < last_s + 10.0
-    assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
+    assert boat.t_s - 0.1 - last_s == pytest.approx(timeout_s + 0.05, abs=0.06)
 
 
-def test_a_slow_compass_may_miss_one_sample():
+def test_slow_compass_may_miss_a_sample():
     boat = Boat(noise_rad=0.002)
-    boat.compass_every = 10
+    boat.compass_ticks = 10
     boat.under_way().run(60.0)
     boat.compass = False
     boat.run(1.0)
@@ -350,7 +344,7 @@ def test_a_slow_compass_may_miss_one_sample():
     assert "No valid heading: rudder held, then centred" not in boat.events
 
 
-def test_a_gap_does_not_change_the_timeout():
+def test_gap_does_not_change_the_timeout():
     boat = Boat(noise_rad=0.002).under_way()
     boat.run(10.0)
     boat.compass = False
@@ -363,67 +357,64 @@ def test_a_gap_does_not_change_the_timeout():
     assert "No valid heading: rudder held, then centred" in boat.events
 
 
-@pytest.mark.parametrize(("every", "found_s"), [(1, 5.0), (50, 12.5)])
-def test_the_receiver_timeout_depends_on_its_rate(every, found_s):
+@pytest.mark.parametrize(("ticks", "timeout_s"), [(1, 5.0), (50, 12.5)])
+def test_receiver_timeout_depends_on_its_rate(ticks, timeout_s):
     boat = Boat(noise_rad=0.002)
-    boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), every
+    boat.position, boat.position_ticks = FIX, ticks
     assert boat.run(60.0).snapshot.faults == 0
     assert "GPS position lost" not in boat.events
-    while (boat.index - 1) % every:
+    while (boat.index - 1) % ticks:
         boat.tick()
     last_s, boat.position = boat.t_s - 0.1, None
     while boat.run(0.1).snapshot.position_ok:
         assert boat.t_s < last_s + 30.0
-    assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
+    assert boat.t_s - 0.1 - last_s == pytest.approx(timeout_s + 0.05, abs=0.06)
 
 
-def test_a_servo_with_one_reply_a_second_is_not_silent():
+def test_servo_with_a_reply_each_second_is_not_silent():
     boat = Boat(noise_rad=0.002)
-    boat.servo_every = 10
+    boat.servo_ticks = 10
     boat.under_way()
     assert boat.run(60.0).snapshot.faults == 0
     assert "Rudder servo not responding" not in boat.events
 
 
-def received(boat, state=DeviceState.RUNNING):
+def link_health(boat, state=DeviceState.RUNNING):
     return (DeviceHealth(boat.t_s, DeviceRole.LINK, state, 0, 0),)
 
 
-@pytest.mark.parametrize("silent", [True, False])
-@pytest.mark.parametrize("armed", [True, False])
+@pytest.mark.parametrize("is_silent", [True, False])
+@pytest.mark.parametrize("is_armed", [True, False])
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.HOLD, Mode.GUIDED, Mode.RTL])
-def test_the_ground_station_failsafe_in_each_mode(mode, armed, silent):
+def test_ground_station_failsafe_in_each_mode(mode, is_armed, is_silent):
     boat = Boat(ParameterSet().replaced("FS_GCS_ACT", 3).replaced("FS_GCS_S", 5), noise_rad=0.002)
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     boat.run(0.3)
-    boat.tick(Arm(armed=armed), SetMode(mode), devices=received(boat))
+    boat.tick(Arm(armed=is_armed), SetMode(mode), devices=link_health(boat))
     boat.run(1.0)
-    boat.tick(devices=received(boat, DeviceState.SILENT) if silent else ())
+    boat.tick(devices=link_health(boat, DeviceState.SILENT) if is_silent else ())
     output = boat.run(6.0)
-    acts = silent and armed and mode is not Mode.HOLD
-    assert output.snapshot.mode is (Mode.LOITER if acts else mode)
-    assert output.snapshot.armed is armed
-    assert ("Ground station link lost" in boat.events) is silent
-    assert ("Failsafe: LOITER" in boat.events) is acts
+    is_acting = is_silent and is_armed and mode is not Mode.HOLD
+    assert output.snapshot.mode is (Mode.LOITER if is_acting else mode)
+    assert output.snapshot.armed is is_armed
+    assert ("Ground station link lost" in boat.events) is is_silent
+    assert ("Failsafe: LOITER" in boat.events) is is_acting
 
 
 @pytest.mark.parametrize(("mode", "after"), [(Mode.MANUAL, Mode.LOITER), (Mode.GUIDED, Mode.GUIDED)])
-def test_a_failsafe_does_not_return_to_manual_mode(mode, after):
-    values = {"FS_GCS_ACT": 3, "FS_GCS_S": 5, "FS_RESUME": 1}
-    parameters = ParameterSet()
-    for name, value in values.items():
-        parameters = parameters.replaced(name, value)
+def test_failsafe_does_not_resume_manual(mode, after):
+    parameters = ParameterSet().replaced("FS_GCS_ACT", 3).replaced("FS_GCS_S", 5).replaced("FS_RESUME", 1)
     boat = Boat(parameters, noise_rad=0.002)
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     boat.under_way(mode)
-    boat.tick(devices=received(boat, DeviceState.SILENT))
+    boat.tick(devices=link_health(boat, DeviceState.SILENT))
     assert boat.run(6.0).snapshot.mode is Mode.LOITER
-    boat.tick(devices=received(boat))
+    boat.tick(devices=link_health(boat))
     assert boat.run(1.0).snapshot.mode is after
     assert ("Failsafe ended: LOITER kept, no stick input" in boat.events) is (mode is Mode.MANUAL)
 
 
-def test_a_delay_until_a_time_of_day_ends_without_the_receiver():
+def test_delay_until_a_time_of_day_ends_without_a_receiver():
     boat = Boat(noise_rad=0.002)
     midnight_s = 20000 * 86400.0
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5, utc_s=midnight_s)
@@ -431,7 +422,7 @@ def test_a_delay_until_a_time_of_day_ends_without_the_receiver():
     turn = PlanItem(Command.YAW, frame=2, params=(90.0, 0.0, 0.0, 0.0))
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [until, turn])))
     boat.under_way(Mode.AUTO)
-    boat.run(5.0)  # all fixes say midnight
+    boat.run(5.0)  # all fixes have the time of midnight
     boat.position = None
     boat.run(55.0)
     assert "Mission: item 2" not in boat.events
@@ -440,7 +431,7 @@ def test_a_delay_until_a_time_of_day_ends_without_the_receiver():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
-def test_absurd_requests_change_nothing(value):
+def test_requests_with_invalid_values_are_denied(value):
     boat = Boat().under_way()
     for intent in (
         SteerHeading(value),
@@ -489,20 +480,20 @@ def test_home_without_coordinates_is_the_present_position(place):
 @pytest.mark.parametrize(
     ("fence", "expected"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
 )
-def test_an_item_that_enables_the_fence_reports_a_missing_fence(fence, expected):
+def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
     boat = Boat()
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     circles = [PlanItem(command, frame=0, params=(50.0, 0.0, 0.0, 0.0), x=1, y=1) for command in fence]
     boat.tick(ReplacePlan(Plan.of(PlanKind.FENCE, circles)))
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.FENCE_ENABLE, 2, params=(1.0, 0.0, 0.0, 0.0))])))
     boat.under_way(Mode.AUTO)
     boat.run(2.0)
-    of_fence = [text for text in boat.events if "ence " in text and "loiter" not in text]
-    assert [text for text in of_fence if "reach" not in text] == [expected]
+    fence_texts = [text for text in boat.events if "ence " in text and "loiter" not in text]
+    assert [text for text in fence_texts if "reach" not in text] == [expected]
 
 
-WRONG, RIGHT = (0.0, 0.1), (0.5, 0.2)
-SET = (0.4, 0.1)
+WRONG_POSITION, RIGHT_POSITION = (0.0, 0.1), (0.5, 0.2)
+HOME = (0.4, 0.1)
 
 
 def fixes(place, start_s, end_s, step_s=1):
@@ -512,31 +503,43 @@ def fixes(place, start_s, end_s, step_s=1):
 @pytest.mark.parametrize(
     ("positions", "set_s", "expected"),
     [
-        (fixes(WRONG, 0, 20) + fixes(RIGHT, 20, 100), None, [WRONG, RIGHT]),
-        (fixes(WRONG, 0, 20) + fixes(RIGHT, 20, 100), 10.0, [WRONG, SET]),  # a commanded home stays
-        (fixes(RIGHT, 0, 3), 0.0, [SET]),
+        (fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100), None, [WRONG_POSITION, RIGHT_POSITION]),
+        (
+            fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100),
+            10.0,
+            [WRONG_POSITION, HOME],
+        ),  # a commanded home is not changed
+        (fixes(RIGHT_POSITION, 0, 3), 0.0, [HOME]),
         # A wrong first position is corrected for half an hour.
-        (fixes(WRONG, 10_000, 11_700, 10) + fixes(RIGHT, 11_700, 11_900, 10), None, [WRONG, RIGHT]),
-        (fixes(WRONG, 10_000, 11_900, 10) + fixes(RIGHT, 11_900, 12_100, 10), None, [WRONG]),
+        (
+            fixes(WRONG_POSITION, 10_000, 11_700, 10) + fixes(RIGHT_POSITION, 11_700, 11_900, 10),
+            None,
+            [WRONG_POSITION, RIGHT_POSITION],
+        ),
+        (fixes(WRONG_POSITION, 10_000, 11_900, 10) + fixes(RIGHT_POSITION, 11_900, 12_100, 10), None, [WRONG_POSITION]),
         # Later errors do not change home.
-        (fixes(RIGHT, 0, 1900, 10) + fixes(WRONG, 1900, 2000) + fixes(RIGHT, 2000, 2001), None, [RIGHT]),
+        (
+            fixes(RIGHT_POSITION, 0, 1900, 10) + fixes(WRONG_POSITION, 1900, 2000) + fixes(RIGHT_POSITION, 2000, 2001),
+            None,
+            [RIGHT_POSITION],
+        ),
     ],
 )
 def test_home_is_the_corrected_first_position_unless_it_is_set(positions, set_s, expected):
     state, homes = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
     for index, (t_s, *place) in enumerate(positions):
-        requests = (Request(t_s, SetHome(*SET, 0.0)),) if t_s == set_s else ()
+        requests = (Request(t_s, SetHome(*HOME, 0.0)),) if t_s == set_s else ()
         samples = (PositionSample(t_s, FixType.FIX_3D, *place, 3.0),)
         state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), samples, (), (), requests))
         homes.append(output.snapshot.home)
-    heights_m = {WRONG: 3.0, RIGHT: 3.0, SET: 0.0}
-    assert list(dict.fromkeys(homes)) == [Home(*place, heights_m[place]) for place in expected]
+    altitudes_m = {WRONG_POSITION: 3.0, RIGHT_POSITION: 3.0, HOME: 0.0}
+    assert list(dict.fromkeys(homes)) == [Home(*place, altitudes_m[place]) for place in expected]
 
 
-@pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
-def test_dead_reckoning_moves_the_position_only_while_armed(armed, least_m, most_m):
+@pytest.mark.parametrize(("armed", "min_m", "max_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
+def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m):
     boat = Boat(noise_rad=0.01)
-    boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), 10
+    boat.position, boat.position_ticks = FIX, 10
     boat.under_way().tick(SteerHeading(0.5))
     boat.run(60.0)
     boat.tick(Arm(armed=armed))
@@ -545,18 +548,21 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, least_m, most
     place = boat.state.position
     north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
     east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
-    assert least_m <= math.hypot(north_m, east_m) <= most_m
+    assert min_m <= math.hypot(north_m, east_m) <= max_m
 
 
-def test_rtl_turns_to_the_corrected_home():
+def test_rtl_steers_to_the_corrected_home():
     boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
-    boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG_POSITION)
     output = boat.under_way(Mode.RTL).run(1.0)
-    assert (output.snapshot.navigation.target_latitude_rad, output.snapshot.navigation.target_longitude_rad) == WRONG
-    boat.position = PositionSample(0.0, FixType.FIX_3D, *RIGHT)
+    assert (
+        output.snapshot.navigation.target_latitude_rad,
+        output.snapshot.navigation.target_longitude_rad,
+    ) == WRONG_POSITION
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *RIGHT_POSITION)
     output = boat.run(20.0)
     target = output.snapshot.navigation
-    assert (target.target_latitude_rad, target.target_longitude_rad) == pytest.approx(RIGHT, abs=1e-5)
+    assert (target.target_latitude_rad, target.target_longitude_rad) == pytest.approx(RIGHT_POSITION, abs=1e-5)
     boat.tick(SetHome(0.50001, 0.2, 0.0))
     assert boat.run(1.0).snapshot.navigation.target_latitude_rad == 0.50001
 
@@ -577,22 +583,22 @@ def test_home_is_the_first_fix_until_it_is_set():
     assert tick(2, latitude_rad=0.500001) == Home(0.5, 0.2, 3.0)
     assert tick(3, SetHome()) == Home(0.500001, 0.2, 3.0)
     assert tick(4, SetHome(0.1, -0.3, 2.0)) == Home(0.1, -0.3, 2.0)
-    for absurd in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
-        assert tick(5, absurd) == Home(0.1, -0.3, 2.0)
+    for invalid in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
+        assert tick(5, invalid) == Home(0.1, -0.3, 2.0)
 
 
-def test_boot_arm_and_boot_mode_set_the_start_state():
+def test_boot_arm_and_boot_mode_set_the_initial_state():
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     boat = Boat(parameters, heading_rad=2.0)
     boat.compass = False
     boat.run(1.0)
     boat.compass = True
     boat.run(60.0)
-    assert off_deg(boat, 2.0) < 0.3
+    assert error_deg(boat, 2.0) < 0.3
     assert boat.outputs[-1].snapshot.armed
 
 
-def test_the_same_inputs_give_the_same_rudder_from_any_checkpoint():
+def test_same_inputs_give_the_same_rudder_from_any_checkpoint():
     boat = Boat(noise_rad=0.01, seed=7).under_way()
     boat.tick(SteerHeading(4.0), SetParameter("CTL_K1", 35.7))
     boat.run(30.0)
@@ -600,17 +606,17 @@ def test_the_same_inputs_give_the_same_rudder_from_any_checkpoint():
     for inputs, output in zip(boat.inputs, boat.outputs, strict=True):
         if inputs.tick.index % 50 == 0:
             state, _ = state_from_text(state_to_text(state))
-        state, again = step(state, inputs)
-        assert again == output
+        state, repeated_output = step(state, inputs)
+        assert repeated_output == output
     assert state_to_text(state) == state_to_text(boat.state)
 
 
-ODD = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.nan, math.inf])
+EXTREME_FLOATS = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.nan, math.inf])
 
 
-def test_an_invalid_position_does_not_move_the_rudder():
+def test_invalid_position_does_not_move_the_rudder():
     boat = Boat()
-    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.position = FIX
     boat.under_way()
     boat.tick(SteerPosition(0.5 + 0.001 * math.cos(0.5), 0.5 + 0.001 * math.tan(0.5)))
     boat.run(60.0)
@@ -619,11 +625,11 @@ def test_an_invalid_position_does_not_move_the_rudder():
 
 
 @example([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 4.7e13), (0.0, 0.0, 0.0)], True)
-@given(st.lists(st.tuples(ODD, ODD, ODD), min_size=1, max_size=30), st.booleans())
-def test_any_device_input_gives_a_command_within_limits(rows, absolute):
+@given(st.lists(st.tuples(EXTREME_FLOATS, EXTREME_FLOATS, EXTREME_FLOATS), min_size=1, max_size=30), st.booleans())
+def test_any_device_input_gives_a_command_within_the_limits(rows, has_angle):
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     state = State.at_start(parameters)
-    before_rad = 0.0
+    previous_rad = 0.0
     for index, (heading_rad, position_rad, shaft_rad) in enumerate(rows):
         t_s = 0.1 * index
         state, output = step(
@@ -632,30 +638,30 @@ def test_any_device_input_gives_a_command_within_limits(rows, absolute):
                 Tick(index, t_s, 0.0, 0, 10.0),
                 (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
                 (PositionSample(t_s, FixType.FIX_2D, position_rad, position_rad, None, position_rad, position_rad),),
-                (RudderFeedback(t_s, shaft_rad if absolute else None),),
+                (RudderFeedback(t_s, shaft_rad if has_angle else None),),
             ),
         )
         command_rad = output.snapshot.rudder_command_rad
         assert abs(command_rad) <= math.radians(30.0) + 1e-9
-        assert abs(command_rad - before_rad) <= math.radians(3.0) + 1e-9
-        before_rad = command_rad
+        assert abs(command_rad - previous_rad) <= math.radians(3.0) + 1e-9
+        previous_rad = command_rad
 
 
-def test_a_heading_that_does_not_converge_is_reported_once():
+def test_heading_that_does_not_converge_is_reported_once():
     boat = Boat().under_way()
     boat.tick(SteerHeading(2.0))
     for second in range(40):
-        if second == 20:  # five minutes later
+        if second == 20:  # skip five minutes
             supervisor = boat.state.supervisor
-            held = supervisor.convergence._replace(since_s=supervisor.convergence.since_s - 295.0)
-            boat.state = replace(boat.state, supervisor=replace(supervisor, convergence=held))
+            convergence = supervisor.convergence._replace(since_s=supervisor.convergence.since_s - 295.0)
+            boat.state = replace(boat.state, supervisor=replace(supervisor, convergence=convergence))
         for _ in range(10):
             boat.heading_rad, boat.rate_rad_s = 0.5, 0.0
             boat.tick()
     assert boat.events.count("Rudder at limit 5 min: heading not converging") == 1
 
 
-def test_a_read_only_parameter_is_refused():
+def test_read_only_parameter_is_refused():
     state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
     assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
     assert state.parameters == ParameterSet()
@@ -664,19 +670,11 @@ def test_a_read_only_parameter_is_refused():
 SAVING = ParameterSet().replaced("PWR_SAVE_PCT", 30.0).replaced("PWR_KEEP_PCT", 10.0)
 
 
-def test_power_saving_follows_the_battery_in_steps():
+def test_power_saving_levels_follow_the_battery_charge():
     boat = Boat(SAVING).under_way()
     boat.tick(SteerHeading(1.0))
     steps = []
-    for charge, seconds in (
-        (0.8, 5.0),
-        (0.25, 35.0),
-        (0.05, 35.0),
-        (0.12, 65.0),
-        (0.2, 65.0),
-        (0.32, 65.0),
-        (0.4, 65.0),
-    ):
+    for charge, seconds in zip((0.8, 0.25, 0.05, 0.12, 0.2, 0.32, 0.4), (5, 35, 35, 65, 65, 65, 65), strict=True):
         boat.charge = charge
         snapshot = boat.pass_time(seconds).snapshot
         steps.append((snapshot.power_saving_level, snapshot.mode.name, parameters_in_force(boat.state)["CTL_PRICE"]))
@@ -684,7 +682,7 @@ def test_power_saving_follows_the_battery_in_steps():
         (0, "GUIDED", 1.0),
         (1, "GUIDED", 3.0),
         (2, "STEERING", 3.0),
-        (2, "STEERING", 3.0),  # not yet 5 % above the limit
+        (2, "STEERING", 3.0),  # less than 5 % above the limit
         (1, "GUIDED", 3.0),
         (1, "GUIDED", 3.0),
         (0, "GUIDED", 1.0),
@@ -700,44 +698,41 @@ def test_power_saving_follows_the_battery_in_steps():
     ]
 
 
-def test_a_restart_with_an_empty_battery_keeps_the_task():
+def test_restart_with_an_empty_battery_keeps_the_task():
     boat = Boat(SAVING.replaced("BOOT_RESUME", 2)).under_way()
     boat.tick(SteerHeading(1.0))
     boat.charge = 0.05
     assert boat.pass_time(40.0).snapshot.mode is Mode.STEERING
     stored = resume_of(boat.state, Moment(1.8e9))
-    assert (stored.modes.mode, stored.modes.goal, stored.modes.armed) == (
-        Mode.GUIDED,
-        boat.state.supervisor.interrupted.goal,
-        True,
-    )
+    goal = boat.state.supervisor.interrupted.goal
+    assert (stored.modes.mode, stored.modes.goal, stored.modes.armed) == (Mode.GUIDED, goal, True)
 
 
-@pytest.mark.parametrize("restarted", [False, True])
-@pytest.mark.parametrize("ordered", [False, True])
-def test_a_failsafe_hold_stays_one_after_a_restart(ordered, restarted):
+@pytest.mark.parametrize("is_restarted", [False, True])
+@pytest.mark.parametrize("is_ordered", [False, True])
+def test_hold_of_a_failsafe_is_still_one_after_a_restart(is_ordered, is_restarted):
     boat = Boat(SAVING.replaced("BOOT_RESUME", 2).replaced("FS_RUD_ACT", 1), noise_rad=0.002).under_way()
     boat.hardware_error = 1
     assert boat.run(2.0).snapshot.mode is Mode.HOLD
     boat.hardware_error = 0
     assert boat.run(3.0).snapshot.mode is Mode.HOLD
     assert "Failsafe ended: HOLD stays until a mode is set" in boat.events
-    if ordered:
+    if is_ordered:
         state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
         assert not resume_of(state, Moment(1.8e9)).modes.by_failsafe  # a command is on disk before the next tick
         boat.tick(SetMode(Mode.HOLD))
-    if restarted:
+    if is_restarted:
         stored = to_bytes(resume_of(boat.state, Moment(1.8e9)))
         boat.state, notes = restore(State.at_start(boat.state.parameters), stored, Moment(1.8e9))
         assert notes == ()
     boat.charge = 0.05
-    assert boat.pass_time(40.0).snapshot.mode is (Mode.HOLD if ordered else Mode.STEERING)
+    assert boat.pass_time(40.0).snapshot.mode is (Mode.HOLD if is_ordered else Mode.STEERING)
     boat.charge = 0.5
     assert boat.pass_time(65.0).snapshot.mode is Mode.HOLD
-    assert boat.state.modes.by_failsafe is not ordered
+    assert boat.state.modes.by_failsafe is not is_ordered
 
 
-def test_a_silent_power_monitor_is_reported_and_power_saving_continues():
+def test_missing_power_monitor_is_reported_and_power_saving_continues():
     boat = Boat(SAVING).under_way()
     boat.charge = 0.2
     assert boat.pass_time(35.0).snapshot.power_saving_level == 1
