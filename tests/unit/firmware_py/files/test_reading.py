@@ -1,13 +1,14 @@
 """Only regular files up to a size limit are read."""
 
 import errno
+import json
 import os
 import socket
 from pathlib import Path
 
 import pytest
 
-from firmware_py.files.reading import open_regular, read_regular, read_text
+from firmware_py.files.reading import open_regular, read_json, read_regular, read_text
 
 
 def pipe(path):
@@ -101,3 +102,16 @@ def test_text_must_be_utf_8(tmp_path):
     (tmp_path / "file").write_bytes(b"a\xff")
     with pytest.raises(OSError, match="not UTF-8 text: invalid start byte at byte 1"):
         read_text(tmp_path / "file", 10)
+
+
+@pytest.mark.parametrize("data", [b"1e15", b"-1e15", b"[" * 12 + b"]" * 12])
+def test_json_within_the_limits_is_read(data):
+    assert read_json(data) == json.loads(data)
+
+
+@pytest.mark.parametrize(
+    "data", [b"1000000000000001", b"-1000000000000001", b"NaN", b"[" * 13 + b"]" * 13, b"[" * 10**5]
+)
+def test_json_beyond_the_limits_is_refused(data):
+    with pytest.raises(ValueError):
+        read_json(data)
