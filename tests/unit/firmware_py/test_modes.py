@@ -166,6 +166,12 @@ def test_position_goal_needs_a_position_and_guided_mode():
     refuse(replace(GUIDED, mode=Mode.STEERING), SteerPosition(0.5, 0.5), Verdict.TEMPORARILY_REJECTED)
 
 
+@pytest.mark.parametrize("deflection", [-1.0, 1.0])
+def test_full_deflection_of_stick_and_bench_rudder_is_accepted(deflection):
+    assert accept(ModeState(Mode.MANUAL), ManualRudder(deflection)).stick == deflection
+    assert accept(ModeState(), BenchRudder(deflection, 60.0)).bench == deflection
+
+
 def test_stick_expires():
     state = accept(ModeState(Mode.MANUAL), ManualRudder(0.5))
     assert stick_deflection(state, 7.9, 3.0) == 0.5

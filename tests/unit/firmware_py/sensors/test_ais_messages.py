@@ -135,6 +135,23 @@ def test_largest_valid_speed_and_sign_of_the_turn():
 
 
 @pytest.mark.parametrize(
+    ("speed", "course", "speed_kn", "course_deg"),
+    [(62, 359, 62.0, 359.0), (63, 360, None, None), (63, 511, None, None)],
+)
+def test_speed_and_course_of_type_27_are_in_knots_and_degrees(speed, course, speed_kn, course_deg):
+    (report,) = decode_reports(payload(27, latitude=54 * 600, longitude=10 * 600, speed=speed, course=course), 0.0)
+    assert report.speed_m_s == (None if speed_kn is None else pytest.approx(speed_kn * KNOT))
+    assert report.course_rad == (None if course_deg is None else pytest.approx(math.radians(course_deg)))
+
+
+def test_length_of_a_payload_is_limited():
+    assert [read_payload(b"0" * count, 0) for count in (0, 7, 310)] == [None] * 3  # type 0 is not decoded
+    for count in (6, 311):
+        with pytest.raises(MessageError, match="length"):
+            read_payload(b"0" * count, 0)
+
+
+@pytest.mark.parametrize(
     "invalid",
     [
         *(payload(18, latitude=latitude) for latitude in (600_000 * 92, -(90 * 600_000 + 1))),

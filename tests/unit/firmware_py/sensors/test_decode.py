@@ -119,6 +119,11 @@ def test_nmea_results(raw, result):
     assert list(decode("nmea", raw)) == [result]
 
 
+def test_values_have_nine_decimal_places(nmea):
+    (result,) = decode("nmea", nmea("GPGLL,5327.03941,N,00214.42462,W,103607.00,A,A"))
+    assert (result["lat_deg"], result["lon_deg"]) == (53.450656833, -2.240410333)
+
+
 def test_unknown_transducer_is_reported_once(nmea):
     results = list(decode("nmea", nmea("SDXDR,C,23.1,C,WTHI,A,1.0,D,ROLL") * 3 + nmea("SDXDR,C,1.0,C,WTLO")))
     first, second = "WTHI (type C, unit C)", "WTLO (type C, unit C)"
