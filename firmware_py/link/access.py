@@ -1,4 +1,4 @@
-"""Access rights: each received frame is judged before any other code sees it."""
+"""Access rights of received frames, which are checked before any other code reads the frame."""
 
 from __future__ import annotations
 
@@ -17,126 +17,124 @@ _MAVLINK2 = 0xFD
 SETUP_SIGNING = 256
 RADIO_STATUS = 109
 _COMMAND_INT, _COMMAND_LONG, _FILE_TRANSFER = 75, 76, 110
-_VOUCHED = 16  # frames on their way from the satellite link to the gate
+_MAX_MARKED_FRAMES = 16  # from the satellite link, not yet admitted
 
 
 class Permission(IntEnum):
     """Rights of a frame."""
 
     NONE = 0  # ignored
-    READER = 1  # may request data, but change nothing
-    COMMANDER = 2
+    READER = 1  # may request data
+    COMMANDER = 2  # may request changes
 
 
-class Admitted(NamedTuple):
-    """A frame and its rights; `verified`: it is signed with the boat's key."""
+class AdmittedFrame(NamedTuple):
+    """Frame with its rights."""
 
     frame: Frame
     permission: Permission
-    verified: bool
+    is_verified: bool  # signed with the boat's key
 
 
 class Gate:
-    """Judges the frames of all links."""
+    """Determines the rights of the frames of all links."""
 
     def __init__(self, signing: Signing) -> None:
-        """Take the signing state."""
+        """Store the signing state."""
         self._signing = signing
-        self._vouched: deque[bytes] = deque(maxlen=_VOUCHED)
-        self.mavlink1 = True  # whether MAVLink 1 frames, which cannot be signed, are accepted
-        self.refused_frames = 0  # frames that were ignored
-        self.false_signatures = 0  # of them, those with a wrong signature
+        self._signed_frames: deque[bytes] = deque(maxlen=_MAX_MARKED_FRAMES)
+        self.accepts_mavlink1 = True  # MAVLink 1 frames cannot be signed
+        self.refused_frames = 0  # number of ignored frames
+        self.false_signatures = 0  # of them, number with a wrong signature
 
     @property
     def late_frames(self) -> int:
-        """Number of frames with the right key and an old timestamp: replayed, or from a slow clock."""
+        """Number of frames with the correct key and an old timestamp: replayed, or from a slow clock."""
         return self._signing.late_frames
 
     @property
-    def keyed(self) -> bool:
+    def has_key(self) -> bool:
         """Whether a signing key is set."""
-        return self._signing.active
+        return self._signing.has_key
 
-    def vouch(self, frame: bytes) -> None:
-        """Accept the next copy of this frame from a satellite link as signed: its message carried a valid code."""
-        self._vouched.append(frame)
+    def mark_signed(self, frame: bytes) -> None:
+        """Accept the next copy of this frame from a satellite link as signed: its message had a valid HMAC."""
+        self._signed_frames.append(frame)
 
-    def knows(self, options: LinkOptions, *, verified: bool) -> bool:
-        """Return whether a sender belongs to the owner, as far as that can be verified; without a key any may."""
-        return verified or options.trusted or not self.keyed
+    def is_owner(self, options: LinkOptions, *, is_verified: bool) -> bool:
+        """Return whether a sender counts as the owner: it signs, its link is trusted, or there is no key."""
+        return is_verified or options.trusted or not self.has_key
 
-    def admit(self, frames: Iterable[Frame], options: LinkOptions, *, line: bool) -> list[Admitted]:
-        """Return the frames that are not ignored; `line`: they came over a line, which may have a modem in it."""
+    def admit(self, frames: Iterable[Frame], options: LinkOptions, *, line: bool) -> list[AdmittedFrame]:
+        """Return the frames with rights; `line`: whether they were received on a line, which may have a modem."""
         admitted = []
         for frame in frames:
-            verified = self._verified(frame.data, options)
-            if frame.number == RADIO_STATUS and verified is None:
-                # From the modem of a line, which has no key. On a network there is no modem: ignored.
+            is_verified = self._verify(frame.data, options)
+            if frame.number == RADIO_STATUS and is_verified is None:
+                # The modem of a line sends it and has no key. A network has no modem, so it is ignored there.
                 if not line:
                     continue
                 permission = Permission.READER if self._accepts_version(frame.data) else Permission.NONE
             else:
-                permission = self._permission(frame, options, verified=verified)
+                permission = self._permission(frame, options, is_verified=is_verified)
             if permission is Permission.NONE:
                 self.refused_frames += 1
             else:
-                admitted.append(Admitted(frame, permission, bool(verified)))
+                admitted.append(AdmittedFrame(frame, permission, bool(is_verified)))
         return admitted
 
     def _accepts_version(self, data: bytes) -> bool:
-        return self.mavlink1 or data[0] == _MAVLINK2
+        return self.accepts_mavlink1 or data[0] == _MAVLINK2
 
-    def _verified(self, data: bytes, options: LinkOptions) -> bool | None:
-        """Return whether the signature of a frame is valid; None for a frame without one, or without a key."""
-        if options.link_class is LinkClass.MESSAGES and data in self._vouched:
-            self._vouched.remove(data)
+    def _verify(self, data: bytes, options: LinkOptions) -> bool | None:
+        """Return whether the signature of a frame is valid; None for an unsigned frame, or without a key."""
+        if options.link_class is LinkClass.MESSAGES and data in self._signed_frames:
+            self._signed_frames.remove(data)
             return True
-        if not self.keyed or data[0] != _MAVLINK2 or not data[2] & SIGNED_FLAG:
+        if not self.has_key or data[0] != _MAVLINK2 or not data[2] & SIGNED_FLAG:
             return None
         return self._signing.verify(data)
 
-    def _permission(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Permission:
+    def _permission(self, frame: Frame, options: LinkOptions, *, is_verified: bool | None) -> Permission:
         data = frame.data
         if not self._accepts_version(data):
             return Permission.NONE
-        second = data[0] == _MAVLINK2
-        if options.systems is not None and data[5 if second else 3] not in options.systems:
-            most = Permission.READER
-        else:
-            most = Permission.COMMANDER
+        system = data[5 if data[0] == _MAVLINK2 else 3]
+        is_allowed = options.systems is None or system in options.systems
+        max_permission = Permission.COMMANDER if is_allowed else Permission.READER
         if frame.number == SETUP_SIGNING and options.trusted:
-            return most
-        if verified is None:
-            return min(most, self.unsigned(options))
-        if not verified:
+            return max_permission
+        if is_verified is None:
+            return min(max_permission, self.unsigned_permission(options))
+        if not is_verified:
             self.false_signatures += 1
             return Permission.NONE
-        return most
+        return max_permission
 
-    def unsigned(self, options: LinkOptions) -> Permission:
-        """Return the maximum rights of a frame without a signature."""
+    def unsigned_permission(self, options: LinkOptions) -> Permission:
+        """Return the maximum rights of an unsigned frame."""
         policy = options.policy
         if self._signing.problem and not options.trusted:
-            return Permission.NONE  # a lost key does not open the link
+            return Permission.NONE  # the loss of the key must not open the link
         if policy is Policy.AUTO:
-            policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
-        return _UNSIGNED[policy]
+            policy = Policy.SIGNED_COMMANDS if self.has_key and not options.trusted else Policy.OPEN
+        return _UNSIGNED_PERMISSION[policy]
 
 
 def is_open_to_anyone(gate: Gate, transport: Transport) -> bool:
-    """Return whether any sender that reaches a transport from another computer can command without a key."""
+    """Return whether any sender on another computer can command over a transport without a key."""
     options = transport.options
-    return transport.is_exposed and not options.trusted and gate.unsigned(options) is Permission.COMMANDER
+    return transport.is_exposed and not options.trusted and gate.unsigned_permission(options) is Permission.COMMANDER
 
 
-_UNSIGNED: Mapping[Policy, Permission] = {
+_UNSIGNED_PERMISSION: Mapping[Policy, Permission] = {
     Policy.OPEN: Permission.COMMANDER,
     Policy.SIGNED_COMMANDS: Permission.READER,
     Policy.SIGNED_ONLY: Permission.NONE,
 }
 
-# Messages that change nothing except what is sent to their sender. All others are commands.
-READING = frozenset(
+# Messages that only request data for their sender. All others are commands.
+READING_MESSAGES = frozenset(
     {
         0,  # HEARTBEAT
         4,  # PING
@@ -157,19 +155,19 @@ READING = frozenset(
         321,  # PARAM_EXT_REQUEST_LIST
     }
 )
-# Of MAVLink FTP: none, terminate and reset sessions, list, open and read, checksum, burst, list with times.
+# MAVLink FTP: none, terminate and reset sessions, list, open and read, checksum, burst, list with times.
 _READING_OPCODES = frozenset({0, 1, 2, 3, 4, 5, 14, 15, 16})
-_OPCODE = 3  # its index in the payload
+_OPCODE_INDEX = 3  # in the payload
 
 
-def reads_only(reading_commands: frozenset[int]) -> Callable[[int, Message], bool]:
-    """Return a function that decides whether a message changes nothing; `reading_commands` only request data."""
+def make_reading_test(reading_commands: frozenset[int]) -> Callable[[int, Message], bool]:
+    """Return a function that decides whether a message only requests data; `reading_commands` are such commands."""
 
-    def judge(number: int, message: Message) -> bool:
+    def only_reads(number: int, message: Message) -> bool:
         if number in (_COMMAND_INT, _COMMAND_LONG):
             return message.command in reading_commands
         if number == _FILE_TRANSFER:
-            return message.payload[_OPCODE] in _READING_OPCODES
-        return number in READING
+            return message.payload[_OPCODE_INDEX] in _READING_OPCODES
+        return number in READING_MESSAGES
 
-    return judge
+    return only_reads

@@ -1,4 +1,4 @@
-"""The context of all services: request handler, latest snapshot, and the functions that send."""
+"""Common context of the services of the link: request handler, latest snapshot, and functions that send."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.frames import Codec
 from firmware_py.link.wire.outbox import Priority
 
-_IN_FIRST_VERSION = "MAVLink 1 in use: fence, rally and signing need MAVLink 2"
-_UNASKED = 0xFFFF  # index of a parameter value outside a list
+_MAVLINK1_NOTICE = "MAVLink 1 in use: fence, rally and signing need MAVLink 2"
+_UNLISTED_INDEX = 0xFFFF  # of a parameter value that was not requested
 
 Handler = Callable[[Peer, Message, float], None]
 
 
 class Suppliers(msgspec.Struct, frozen=True):
-    """Sources outside the link."""
+    """Functions of the rest of the program that the link calls."""
 
     utc_s: Callable[[], float]
-    load: Callable[[], float]  # share of one core, 0 to 1
-    offer_utc: Callable[[float, float], None] | None = None  # takes the UTC of a ground station and its reception time
-    calibrator: Calibrator | None = None  # a compass that calibrates itself
-    written: Callable[[], tuple[int, int] | None] = lambda: None  # stored versions of the state, and their bytes
+    load: Callable[[], float]  # of one processor core, 0 to 1
+    offer_utc: Callable[[float, float], None] | None = None  # arguments: UTC of a ground station, time of reception
+    calibrator: Calibrator | None = None  # of a compass that calibrates itself
+    written: Callable[[], tuple[int, int] | None] = lambda: None  # number and bytes of the stored versions of the state
 
 
 class LinkContext:
-    """The state that the services share, on the loop's thread."""
+    """State that the services share, used on the thread of the loop only."""
 
     def __init__(self, request_handler: RequestHandler, suppliers: Suppliers, version: Version) -> None:
-        """Take the request handler; system id and identity are fixed until the next start."""
+        """Store the arguments; system id and identity remain fixed until the next start."""
         values = request_handler.parameters()
         self.request_handler = request_handler
         self.suppliers = suppliers
@@ -59,20 +59,20 @@ class LinkContext:
         self.snapshot: Snapshot | None = None
         self.refused_frames = 0
         self.intended_mode: int | None = None  # custom_mode of the latest accepted request
-        self.home_report_due = False  # home was set, perhaps to the same position
-        self.high_latency = False  # requested on the satellite links
+        self.home_report_due = False  # after a request to set home, even to the same position
+        self.high_latency = False  # whether HIGH_LATENCY2 is requested on satellite links
         self.override_us: tuple[float, int] | None = None  # time and pulse of the latest override of channel 1
         self.fence_breaches: tuple[int, float] = (0, 0.0)  # number since start, time of the latest
         self.now_s = 0.0  # time of the latest call of the loop
         self.peers: Iterable[Peer] = ()
-        self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # with pending ones
+        self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # active and pending
 
     # ------------------------------------------------------------------ the state
 
     def update_snapshot(self, snapshot: Snapshot) -> None:
-        """Take the state after a tick."""
-        breached = snapshot.faults >> Fault.FENCE_BREACHED & 1
-        if breached and (self.snapshot is None or not self.snapshot.faults >> Fault.FENCE_BREACHED & 1):
+        """Store the snapshot after a tick, and count fence breaches."""
+        is_breached = snapshot.faults >> Fault.FENCE_BREACHED & 1
+        if is_breached and (self.snapshot is None or not self.snapshot.faults >> Fault.FENCE_BREACHED & 1):
             self.fence_breaches = (self.fence_breaches[0] + 1, snapshot.t_s)
         self.snapshot = snapshot
 
@@ -95,12 +95,12 @@ class LinkContext:
             refused_frames=self.refused_frames,
             written=self.suppliers.written(),
             fence_breaches=self.fence_breaches,
-            override_us=self._override_in_force(),
+            override_us=self._valid_override_us(),
             swing=self.request_handler.compass_swing.report,
         )
 
-    def _override_in_force(self) -> int | None:
-        """Return the pulse of a valid override of channel 1; None without one."""
+    def _valid_override_us(self) -> int | None:
+        """Return the pulse width of the override of channel 1; None without one or after its timeout."""
         if self.override_us is None:
             return None
         since_s, pulse_us = self.override_us
@@ -120,11 +120,11 @@ class LinkContext:
         """Queue a message to one peer."""
         peer.outbox.push(self.codec.pack(message), priority)
 
-    def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, asker: Peer | None = None) -> None:
-        """Queue a message to every active peer, but to a quiet one only if it is the asker."""
+    def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, requester: Peer | None = None) -> None:
+        """Queue a message to the requester and to all active peers except satellite peers."""
         packed = self.codec.pack(message)
         for peer in self.peers:
-            if peer is asker or not peer.quiet:
+            if peer is requester or not peer.is_satellite:
                 peer.outbox.push(packed, priority)
 
     def flush_all(self) -> None:
@@ -133,56 +133,56 @@ class LinkContext:
             peer.outbox.flush(self.now_s)
 
     def heartbeat(self) -> Message:
-        """Return the heartbeat of this moment."""
+        """Build HEARTBEAT of the present state."""
         telemetry = self.telemetry_context()
         return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
 
     def introduce(self, peer: Peer) -> None:
         """Send the arming check parameters before the first heartbeat of an armed boat.
 
-        MAVProxy reads them then, before it has requested any, and reports disabled checks if it has none. A peer that
-        is answered in MAVLink 1 gets a notice once.
+        MAVProxy reads them at that heartbeat, before it requests parameters, and reports disabled checks if they are
+        missing. A peer that uses MAVLink 1 receives a notice once.
         """
         if peer.outbox.is_mavlink1_only and not peer.version_reported:
             peer.version_reported = True
-            self.send_text(peer, Severity.NOTICE, _IN_FIRST_VERSION)
+            self.send_text(peer, Severity.NOTICE, _MAVLINK1_NOTICE)
         if self.snapshot is not None and self.snapshot.armed and peer.may_need_introduction(self.now_s):
-            peer.introduced = True
-            for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):  # of ArduPilot before 4.7, and since
-                self.send(peer, self.parameter_value(INDEX[name], _UNASKED), Priority.URGENT)
+            peer.is_introduced = True
+            for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):  # of ArduPilot before 4.7, and from 4.7 on
+                self.send(peer, self.parameter_value(INDEX[name], _UNLISTED_INDEX), Priority.URGENT)
 
     def parameter_value(self, row: int, index: int) -> Message:
-        """Return the value of a row of the parameter table."""
+        """Build PARAM_VALUE of a row of the parameter table; `index` is its number in a list."""
         value = self.request_handler.parameters().values()[row]
         name, kind = encode_text(TABLE[row].name, 16), declared_kind(TABLE[row], self.autopilot)
         return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), index)
 
     def send_text_limited(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
-        """Send a text to one peer, unless the same text was sent just now or the rate is exceeded."""
+        """Send a text to one peer, unless it is a recent repetition or exceeds the rate."""
         if peer.notices.admit(text, now_s):
             self.send_text(peer, severity, text)
 
     def send_text(self, peer: Peer, severity: Severity, text: str) -> None:
-        """Send a text to one peer in any case."""
-        for message in self._text(severity, text):
+        """Send a text to one peer."""
+        for message in self._text_messages(severity, text):
             self.send(peer, message)
 
     def send_text_all(self, severity: Severity, text: str) -> None:
-        """Send a text to all active peers that are not quiet, and warnings also to those by message."""
-        for message in self._text(severity, text):
+        """Send a text to all active peers except satellite peers, and warnings also to peers with paid messages."""
+        for message in self._text_messages(severity, text):
             self.send_all(message)
             for peer in self.peers:
-                if peer.by_message and severity <= Severity.WARNING:
+                if peer.has_paid_messages and severity <= Severity.WARNING:
                     self.send(peer, message)
 
-    def _text(self, severity: Severity, text: str) -> list[Message]:
+    def _text_messages(self, severity: Severity, text: str) -> list[Message]:
         self._text_number = self._text_number % 0xFFFF + 1
         return text_messages(severity, text, self._text_number)
 
     # ------------------------------------------------------------------ requests
 
     def request(self, message: Message, intent: Intent, now_s: float) -> Answer:
-        """Return the decision of the request handler on an intent of the message's sender."""
+        """Return the decision of the request handler on an intent of the sender of a message."""
         sender, component = message.get_srcSystem(), message.get_srcComponent()
         answer = self.request_handler.decide(Request(now_s, intent, sender, component))
         if answer.verdict is Verdict.ACCEPTED:
@@ -195,7 +195,7 @@ class LinkContext:
         return answer
 
     def request_or_warn(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
-        """Request the intent of an unacknowledged message; send a warning with the reason of a refusal."""
+        """Request the intent of a message without acknowledgement; send the reason of a refusal as a warning."""
         name = type(message).msgname
         if isinstance(intent, str):
             self.send_text_limited(peer, Severity.WARNING, f"{name}: {intent}", now_s)

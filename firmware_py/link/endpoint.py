@@ -1,4 +1,4 @@
-"""The link as the loop sees it: receives and replies between ticks, publishes after each."""
+"""Interface of the link to the loop: reception and replies between ticks, telemetry after each tick."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import Event, Progress, Severity, Stored
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.access import RADIO_STATUS, Admitted, Gate, Permission, is_open_to_anyone, reads_only
+from firmware_py.link.access import RADIO_STATUS, AdmittedFrame, Gate, Permission, is_open_to_anyone, make_reading_test
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.steering import ManualControl, Setpoints
@@ -25,7 +25,7 @@ from firmware_py.link.mission.server import MissionServer
 from firmware_py.link.parameters.server import ExtendedParameters, ParameterServer
 from firmware_py.link.peers import DuplicateSystemId, Peer, Peers
 from firmware_py.link.routing import Router
-from firmware_py.link.services import CompanionBattery, KeySetup, Shell, Timesync, deny, note_radio_status
+from firmware_py.link.services import CompanionBattery, KeySetup, Shell, Timesync, adapt_to_radio_status, deny
 from firmware_py.link.signing import NO_VAULT, LinkSealer, Signing
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.publisher import SatelliteReports, TelemetryPublisher
@@ -38,22 +38,22 @@ from firmware_py.link.wire.worker import Worker
 
 _HEARTBEAT = 0
 _GROUND_STATION = 6  # MAV_TYPE_GCS
-_EVENTS_PER_TICK = 16
-# Limits of one call, which must take at most half a millisecond. A piece holds the longest frame, so that the first
-# frame of an unknown sender is found whole.
-_FRAMES_AT_ONCE = 4  # dispatched
-_BYTES_AT_ONCE = 256  # searched for frames, and the rest of the last piece
-_PIECE_BYTES = 320
-_STRANGER_BYTES = 64  # a new peer costs as much time as a search of these
-_NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of rejected peers: burst, and average
+_MAX_EVENTS_PER_TICK = 16
+# Limits of one call, which must take at most half a millisecond. A piece is longer than the longest frame, so that the
+# first frame of an unknown sender is complete.
+_MAX_FRAMES_PER_CALL = 4
+_MAX_BYTES_PER_CALL = 256  # searched for frames; the last piece may exceed it
+_MAX_PIECE_BYTES = 320
+_NEW_PEER_BYTES = 64  # whose search takes as long as the creation of a peer
+_MAX_BURST_NOTICES, _MAX_NOTICES_HZ = 4, 1.0 / 30.0  # of rejected peers
 NO_STORAGE = FileRoot()
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
 _DATA_STREAM = 66
 
 Source = tuple[int, Address]  # index of the transport, address on it
-_SHARE_BYTES = 16_384  # may be queued for one peer; one datagram always may
-_STRANGERS: Source = (-1, None)  # all unknown senders have one share
+MAX_SHARE_BYTES = 16_384  # queued for one peer, unless it is one datagram
+_UNKNOWN_SENDERS: Source = (-1, None)  # they have one common share
 
 
 def _no_load() -> float:
@@ -65,7 +65,7 @@ def _nothing_written() -> None:
 
 
 class Endpoint:
-    """One MAVLink component on several transports; implements interfaces.Link."""
+    """MAVLink component on several transports; implements interfaces.Link."""
 
     def __init__(
         self,
@@ -82,9 +82,9 @@ class Endpoint:
         written: Callable[[], tuple[int, int] | None] = _nothing_written,
         start_events: Sequence[Event] = (),
     ) -> None:
-        """Take opened transports and the loop's side.
+        """Store opened transports and the functions of the rest of the program.
 
-        `load` returns the share of a core in use, 0 to 1. `vault` stores the signing key and its timestamps.
+        `load` returns the load of a processor core, 0 to 1. `vault` stores the signing key and its timestamps.
         `offer_utc` takes the UTC of a ground station and the time of its reception. `calibrator` is the compass, if it
         can calibrate itself. `storage` names the files for file transfer and log download, `written` returns the number
         of stored versions of the state and their bytes. `start_events` are sent to every station that connects later.
@@ -95,9 +95,9 @@ class Endpoint:
         self._signing.restore(vault.load())
         self._gate = Gate(self._signing)
         for satellite in (transport for transport in transports if isinstance(transport, Satellite)):
-            satellite.attach(request_handler.parameters, self._signing.code, self._gate.vouch)
-        self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
-        self._notices = TokenBucket(_NOTICES, _NOTICES_HZ)
+            satellite.attach(request_handler.parameters, self._signing.compute_hmac, self._gate.mark_signed)
+        self._only_reads = make_reading_test(frozenset(row.command for row in COMMANDS if row.repeatable))
+        self._notices = TokenBucket(_MAX_BURST_NOTICES, _MAX_NOTICES_HZ)
         self._peers = Peers(
             self._transports,
             self._gate,
@@ -116,12 +116,12 @@ class Endpoint:
             utc_s,
             lambda text: self._context.send_text_all(Severity.WARNING, text),
         )
-        self.start_events = (*start_events, *self._open_links())[:_EVENTS_PER_TICK]
+        self.start_events = (*start_events, *self._open_links())[:_MAX_EVENTS_PER_TICK]
         self._recent = RecentWarnings()
         self._receive_queue = ReceiveQueue(self._peers.has)
-        self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
+        self._unread: deque[tuple[Peer, AdmittedFrame]] = deque()  # frames not dispatched yet
         self._station_s: float | None = None
-        self._handlers = {**self._services.handlers(), _HEARTBEAT: self._note_ground_station}
+        self._handlers = {**self._services.handlers(), _HEARTBEAT: self._register_ground_station}
 
     def _open_links(self) -> Iterator[Event]:
         for transport in self._transports:
@@ -143,10 +143,10 @@ class Endpoint:
     @property
     def busy(self) -> bool:
         """Whether `service` has work even when no descriptor is ready."""
-        if self._unread or self._receive_queue or self._services.pumping:
+        if self._unread or self._receive_queue or self._services.is_pumping:
             return True
         for peer in self._peers:  # called at each wake-up: no generator
-            if peer.bulk.can_continue and peer.proven and not peer.outbox.queued_count(Priority.REPLY):
+            if peer.bulk.can_continue and peer.is_proven and not peer.outbox.queued_count(Priority.REPLY):
                 return True
         return False
 
@@ -156,12 +156,12 @@ class Endpoint:
         return self._station_s
 
     def restore_late_key(self, stored: Stored) -> bool:
-        """Use the signing key of a disk that is available late; False if a station has set or removed a key since."""
+        """Use the signing key of a disk that is available late; return False if a key was set or removed before."""
         return self._signing.restore_late(stored)
 
     @property
     def key_problem(self) -> str:
-        """Why the signing key was lost; empty if it was not."""
+        """Reason why the signing key was lost; empty if it was not."""
         return self._signing.problem
 
     def status(self, now_s: float) -> Sequence[LinkStatus]:
@@ -169,32 +169,32 @@ class Endpoint:
         return self._peers.status(now_s)
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
-        """Read a bounded piece from each ready transport, unless one of its stream is still queued; dispatch some."""
+        """Read from each ready transport, unless bytes of its stream are still queued; dispatch some frames."""
         self._context.now_s = now_s
         if self._worker.fileno() in ready:
             self._worker.poll()
         for index, transport in enumerate(self._transports):
-            if not transport.is_datagram and self._receive_queue.holds(index):
+            if not transport.is_datagram and self._receive_queue.has_bytes_of(index):
                 continue
             for descriptor in transport.descriptors():
                 if descriptor in ready:
                     for address, data in transport.receive(descriptor):
                         self._receive_queue.offer(index, address, data)
-        self._answer(now_s)
+        self._process_queue(now_s)
         self._peers.flush(now_s)  # acknowledgements first
         self._peers.update(now_s)
         self._services.pump(self._peers.all_peers(), now_s)
         self._peers.flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
-        """Send the telemetry that is due and the events of the tick."""
+        """Send the due telemetry and the events of the tick."""
         self._context.now_s = now_s
         if self._worker.has_pending_jobs:
             self._worker.poll()
         for transport in self._transports:
             transport.poll(now_s)
         self._report_changes(output.snapshot, now_s)
-        self._answer(now_s)
+        self._process_queue(now_s)
         self._services.update(now_s)
         self._peers.update(now_s)
         self._send_events(output.events)
@@ -217,33 +217,35 @@ class Endpoint:
     # ------------------------------------------------------------------ in
 
     def _search(self, index: int, address: Address, data: bytes, now_s: float) -> None:
-        false_before = self._gate.false_signatures
-        received = self._peers.frames(index, address, data[:_PIECE_BYTES], now_s)
+        """Queue and route the frames in received bytes."""
+        false_signatures = self._gate.false_signatures
+        received = self._peers.receive(index, address, data[:_MAX_PIECE_BYTES], now_s)
         if received is None:
             return
         peer, frames = received
-        peer.rest_follows = len(data) > _PIECE_BYTES
+        peer.rest_follows = len(data) > _MAX_PIECE_BYTES
         if peer.rest_follows:
-            self._receive_queue.put_back(index, address, data[_PIECE_BYTES:])
-        self._router.pass_on(peer, frames, now_s)
+            self._receive_queue.put_back(index, address, data[_MAX_PIECE_BYTES:])
+        self._router.route(peer, frames, now_s)
         self._unread.extend((peer, admitted) for admitted in frames if admitted.frame.number in self._handlers)
-        if self._gate.false_signatures > false_before:
+        if self._gate.false_signatures > false_signatures:
             self._context.send_text_limited(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
 
-    def _answer(self, now_s: float) -> None:
+    def _process_queue(self, now_s: float) -> None:
+        """Search queued bytes for frames and dispatch frames, within the limits of one call."""
         searched = 0
-        while self._receive_queue and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
+        while self._receive_queue and searched < _MAX_BYTES_PER_CALL and len(self._unread) < _MAX_FRAMES_PER_CALL:
             piece = self._receive_queue.pop()
             self._search(*piece, now_s)
-            new_peer = 0 if self._peers.has(*piece[:2]) else _STRANGER_BYTES
-            searched += max(new_peer, min(len(piece[2]), _PIECE_BYTES))
-        for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
+            new_peer_bytes = 0 if self._peers.has(*piece[:2]) else _NEW_PEER_BYTES
+            searched += max(new_peer_bytes, min(len(piece[2]), _MAX_PIECE_BYTES))
+        for _ in range(min(_MAX_FRAMES_PER_CALL, len(self._unread))):
             self._dispatch(*self._unread.popleft(), now_s)
 
-    def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
-        frame, permission, verified = admitted
-        # With a key, an unsigned heartbeat is no proof of the owner's station.
-        if frame.number == _HEARTBEAT and not self._gate.knows(peer.transport.options, verified=verified):
+    def _dispatch(self, peer: Peer, admitted: AdmittedFrame, now_s: float) -> None:
+        frame, permission, is_verified = admitted
+        # If a key is set, an unsigned heartbeat may be that of another station.
+        if frame.number == _HEARTBEAT and not self._gate.is_owner(peer.transport.options, is_verified=is_verified):
             return
         message = self._context.codec.decode(frame.data)
         if message is None or not self._context.is_addressee(message):
@@ -254,18 +256,18 @@ class Endpoint:
         # A station that may not command cannot recover the boat: its heartbeat does not clear STATION_SILENT.
         if frame.number == _HEARTBEAT and permission is not Permission.COMMANDER:
             return
-        if permission is Permission.COMMANDER or self._reads_only(frame.number, message):
+        if permission is Permission.COMMANDER or self._only_reads(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
         else:
             deny(self._context, peer, message, now_s)
 
     def _from_self(self, message: Message) -> bool:
-        """Return whether a message has the boat's own ids: echoed by a loop, or of another vehicle."""
+        """Return whether a message has the ids of the boat: an echo of a loop, or another vehicle."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return sender == (self._context.system, self._context.component)
 
-    def _note_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Note a ground station that may command; a program with the boat's own system id is not one."""
+    def _register_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Store the time of the heartbeat of a ground station; exclude programs with the system id of the boat."""
         if message.type == _GROUND_STATION and message.get_srcSystem() != self._context.system:
             peer.ground_station_s = self._station_s = now_s
 
@@ -273,7 +275,7 @@ class Endpoint:
 
     def greet(self, peer: Peer, now_s: float) -> None:
         """Send a new active peer a heartbeat, the start events and the recent warnings."""
-        if peer.quiet:
+        if peer.is_satellite:
             if self._context.high_latency:
                 peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
             return
@@ -289,56 +291,56 @@ class Endpoint:
         self.send_heartbeat(peer)
 
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat, and nothing else."""
+        """Queue a heartbeat only."""
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
 
     def notify(self, text: str, now_s: float) -> None:
-        """Report a rejected peer or an overload to every station, at a limited rate."""
+        """Report a rejected peer or an overload to all stations, at a limited rate."""
         if self._notices.spend_one(now_s):
             self._context.send_text_all(Severity.NOTICE, text)
 
     def _report_changes(self, snapshot: Snapshot, now_s: float) -> None:
-        """Take the state after a tick, and make changed messages due at once."""
-        before = self._context.snapshot
+        """Store the snapshot after a tick, and make changed messages due."""
+        previous = self._context.snapshot
         self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
-        self._gate.mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
+        self._gate.accepts_mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
         self._context.update_snapshot(snapshot)
-        self._services.report_changes(before, snapshot, now_s)
-        self._telemetry.report_changes(before, snapshot, self._peers, now_s)
+        self._services.report_changes(previous, snapshot, now_s)
+        self._telemetry.report_changes(previous, snapshot, self._peers, now_s)
 
     def _send_events(self, events: Sequence[Event]) -> None:
-        for event in events[:_EVENTS_PER_TICK]:
+        for event in events[:_MAX_EVENTS_PER_TICK]:
             self._context.send_text_all(event.severity, event.text)
             if event not in self.start_events:
                 self._recent.add(event, self._context.now_s)
 
 
 class Service(Protocol):
-    """A part of the link that handles messages."""
+    """Part of the link that handles messages."""
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the handler of each message, by its number."""
 
 
 class TickedService(Service, Protocol):
-    """A service with periodic work."""
+    """Service that is updated after each tick."""
 
     def update(self, now_s: float) -> None:
-        """Do the work that is due after a tick."""
+        """Update the service after a tick."""
 
 
 class PumpedService(Service, Protocol):
-    """A service with long transfers."""
+    """Service with long transfers."""
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Send the next part of a transfer, as far as the line has room."""
+        """Send the next part of a transfer within the free capacity of the line."""
 
 
 class Services:
     """All services of one link."""
 
     def __init__(self, context: LinkContext, key_setup: KeySetup, root: FileRoot, worker: Worker) -> None:
-        """Take the context, the service that sets the key, the visible files, and the worker for the disk."""
+        """Create the services with the context, the visible files and the worker for disk operations."""
         commands = CommandServer(context, COMMANDS)
         parameters = ParameterServer(context)
         extended = ExtendedParameters(context, parameters)
@@ -362,18 +364,18 @@ class Services:
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
         self._pumped: tuple[PumpedService, ...] = (parameters, extended, files, logs)
         self._next_peer = 0  # index of the peer whose transfer continues next
-        self.pumping = False  # whether a transfer continued in the last call
+        self.is_pumping = False  # whether a transfer continued in the last call
 
     def handlers(self) -> dict[int, Handler]:
         """Return the handler of each message, by its number."""
-        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, RADIO_STATUS: note_radio_status}
+        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, RADIO_STATUS: adapt_to_radio_status}
         for service in self._all:
             handlers.update(service.handlers())
         return handlers
 
-    def report_changes(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
+    def report_changes(self, previous: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
         """Report changes after a tick that are not in the telemetry table."""
-        self._mission.report_progress(before, snapshot, now_s)
+        self._mission.report_progress(previous, snapshot, now_s)
 
     def update(self, now_s: float) -> None:
         """Update each service after a tick."""
@@ -381,66 +383,66 @@ class Services:
             service.update(now_s)
 
     def pump(self, peers: Iterable[Peer], now_s: float) -> None:
-        """Continue the transfers to one peer; the others have their turns in the next calls."""
+        """Continue the transfers to one peer; the next calls continue those to the others."""
         present = tuple(peers)
-        self.pumping = False
+        self.is_pumping = False
         for number in range(len(present)):
             peer = present[(self._next_peer + number) % len(present)]
-            before = peer.outbox.queued_count(Priority.REPLY)
+            queued_before = peer.outbox.queued_count(Priority.REPLY)
             peer.bulk.can_continue = False
             for service in self._pumped:
                 service.pump(peer, now_s)
-            if peer.outbox.queued_count(Priority.REPLY) > before:
+            if peer.outbox.queued_count(Priority.REPLY) > queued_before:
                 self._next_peer = (self._next_peer + number + 1) % len(present)
-                self.pumping = True
+                self.is_pumping = True
                 return
 
 
 class ReceiveQueue:
-    """Received bytes by peer, a fair share each, taken in turn.
+    """Received bytes by peer with an equal share for each, processed in turn.
 
-    All senders share a datagram socket. It is read much faster than frames can be answered; bytes beyond the share of
-    their sender are dropped here, instead of those of others in the system's buffer. A stream is read only while none
-    of its bytes are queued here, so that its sender is held up instead.
+    All senders share a datagram socket, which is read faster than frames are processed. Bytes beyond the share of their
+    sender are dropped here; otherwise the system would drop those of other senders. A stream is read only while none of
+    its bytes are queued, so that its sender has to wait.
     """
 
     def __init__(self, is_peer: Callable[[int, Address], bool]) -> None:
-        """Take the function that identifies active peers."""
+        """Store the function that identifies active peers."""
         self._is_peer = is_peer
-        self._waiting: OrderedDict[Source, deque[tuple[int, Address, bytes]]] = OrderedDict()
+        self._pieces: OrderedDict[Source, deque[tuple[int, Address, bytes]]] = OrderedDict()
         self._bytes: dict[Source, int] = {}
         self.dropped = 0  # datagrams beyond the share of their sender
 
     def __bool__(self) -> bool:
         """Return whether bytes are queued."""
-        return bool(self._waiting)
+        return bool(self._pieces)
 
-    def holds(self, index: int) -> bool:
+    def has_bytes_of(self, index: int) -> bool:
         """Return whether bytes of a transport are queued."""
-        return any(source[0] == index for source in self._waiting)
+        return any(source[0] == index for source in self._pieces)
 
     def offer(self, index: int, address: Address, data: bytes) -> None:
-        """Queue a piece, or drop and count it."""
-        source = (index, address) if self._is_peer(index, address) else _STRANGERS
-        held = self._bytes.get(source, 0)
-        if held and held + len(data) > _SHARE_BYTES:
+        """Queue a piece; if the share of its sender is exceeded, drop and count it."""
+        source = (index, address) if self._is_peer(index, address) else _UNKNOWN_SENDERS
+        queued_bytes = self._bytes.get(source, 0)
+        if queued_bytes and queued_bytes + len(data) > MAX_SHARE_BYTES:
             self.dropped += 1
             return
-        self._waiting.setdefault(source, deque()).append((index, address, data))
-        self._bytes[source] = held + len(data)
+        self._pieces.setdefault(source, deque()).append((index, address, data))
+        self._bytes[source] = queued_bytes + len(data)
 
     def put_back(self, index: int, address: Address, data: bytes) -> None:
         """Queue the rest of a piece before the other bytes of its peer."""
         source = (index, address)
-        self._waiting.setdefault(source, deque()).appendleft((index, address, data))
+        self._pieces.setdefault(source, deque()).appendleft((index, address, data))
         self._bytes[source] = self._bytes.get(source, 0) + len(data)
 
     def pop(self) -> tuple[int, Address, bytes]:
-        """Return the next piece, of another peer than the last one if possible; KeyError if there is none."""
-        source, queue = self._waiting.popitem(last=False)
+        """Return the next piece, of another peer than before if possible; raise KeyError if the queue is empty."""
+        source, queue = self._pieces.popitem(last=False)
         piece = queue.popleft()
         if queue:
-            self._waiting[source] = queue
+            self._pieces[source] = queue
             self._bytes[source] -= len(piece[2])
         else:
             del self._bytes[source]

@@ -1,12 +1,12 @@
 """Peers of the link: identity of stations, capacity of links, paths and duplicate frames, duplicate system ids.
 
-A peer is one address on one transport. It is pending until it has proven that it receives what is sent to it, then
-active. A station may use several peers: a router sends each frame over all links that lead to the boat, and a NAT
-changes the port of a station in the middle of a transfer. `PeerPaths` finds that two paths belong to one station, so
-that a service continues on one path what began on the other, and a frame counts once.
+A peer is one address on one transport. It is pending until it is proven that it receives data, and active afterwards. A
+station may use several peers: a router sends each frame over all links to the boat, and a NAT changes the port of a
+station during a transfer. `PeerPaths` detects that two paths belong to one station, so that an exchange continues on
+another path, and a frame is processed once.
 
-Only ids and frame counters identify a station, and two stations may have the same ids. Two paths belong to one station
-after several frames that are identical to the byte, and to two stations after two different frames with one number.
+Only ids and frame numbers identify a station, and two stations may have the same ids. Two paths belong to one station
+after several identical frames, and to two stations after two different frames with the same number.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.access import Admitted, Gate, Permission
+from firmware_py.link.access import AdmittedFrame, Gate, Permission
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.telemetry.fields import UINT32_MAX, boot_ms
 from firmware_py.link.telemetry.statustext import TextLimiter
@@ -30,135 +30,136 @@ from firmware_py.link.wire.transport import Address, Satellite, Transport, link_
 from firmware_py.link.wire.urls import LinkClass
 
 DUPLICATE_S = 10.0  # maximum delay of a frame on its second path
-MIN_IDENTICAL_FRAMES = 3  # before two paths are taken for one station's
-SPLIT_PENALTY_FRAMES = 10  # additional ones after the paths were found to be those of two stations
+MIN_IDENTICAL_FRAMES = 3  # on two paths before the paths are assigned to one station
+SPLIT_PENALTY_FRAMES = 10  # additional identical frames required after two paths were separated
 MOVE_TIMEOUT_S = 10.0  # maximum silence of a station that changes its port
-MAX_LOST_FRAMES = 16  # meanwhile
-_SENDERS = 8
-_NUMBERS = 256
+MAX_LOST_FRAMES = 16  # during that change
+_MAX_SENDERS = 8
+_FRAME_NUMBERS = 256
 _MAVLINK2 = 0xFD
 
-# Bytes that may be sent to an unproven address for each byte received from it: a forged address draws less than ten
-# times the bytes that were spent on it.
-_CREDIT = 8
-HEARTBEAT_GAP_S = 3.0  # stations send a heartbeat every second
-DENIALS = 20  # replies to refused requests in a burst
-DENIALS_HZ = 5.0  # and on average
+# Bytes that may be sent to an unproven address for each byte received from it. It limits the amplification of frames
+# with a forged address to less than ten.
+_CREDIT_PER_BYTE = 8
+HEARTBEAT_GAP_S = 3.0  # after this silence a program may have restarted, since stations send a heartbeat every second
+MAX_BURST_DENIALS = 20  # replies to refused requests
+MAX_DENIALS_HZ = 5.0  # their average rate
 
 Sender = tuple[int, int]  # MAVLink system and component
 
-MAX_ACTIVE_PEERS = 8  # on one link, beside those that the vehicle file names
+MAX_ACTIVE_PEERS = 8  # of one link, in addition to those in the vehicle file
 MAX_UNKNOWN_PEERS = 4  # of them, if a signing key is set
 QUIET_S = 10.0  # a peer that is silent for longer may be evicted
-MAX_PENDING_PEERS = 16  # in addition
+MAX_PENDING_PEERS = 16  # of one link
 
-UNPROVEN_AFTER_S = 10.0  # of silence: a datagram peer must prove its address again, unless it signs
-FORGET_S = 300.0  # of silence: the peer is removed
-HEARTBEAT_S = 1.0  # between heartbeats to a pending peer
+UNPROVEN_AFTER_S = 10.0  # silence after which a datagram peer without signatures must prove its address again
+FORGET_S = 300.0  # silence after which a peer is removed
+HEARTBEAT_S = 1.0  # interval of heartbeats to a pending peer
 BLOCKED_REPORT_S = 10.0  # a link that is blocked for longer is reported over the other links
-LATE_HEARTBEATS = 4  # signed heartbeats in a burst to unknown senders with old timestamps
-LATE_HEARTBEATS_HZ = 1.0  # and on average
+MAX_LATE_HEARTBEATS = 4  # burst of signed heartbeats to unknown senders with old timestamps
+MAX_LATE_HEARTBEATS_HZ = 1.0  # their average rate
 
 Key: TypeAlias = tuple[int, Address]  # index of the transport, address on it
 
 _HEARTBEAT, _SYSTEM_TIME = 0, 2
-_FOREIGN_FRAMES = 5  # in a row, before a duplicate system id is reported
-_CLOCK_TOLERANCE_S = 2.0  # between a clock and the same clock as sent
-_ECHO_S = 60.0  # maximum age of an own frame that a loop sends back
-_DUPLICATE_REPORT_S = 600.0
+_MIN_FOREIGN_FRAMES = 5  # in sequence, before a duplicate system id is reported
+_CLOCK_TOLERANCE_S = 2.0  # difference between a clock and its received time
+_MAX_ECHO_AGE_S = 60.0  # of an own frame that a loop sends back
+_DUPLICATE_REPORT_S = 600.0  # minimum interval of reports
 
 
 class PeerPath:
-    """One path to the boat, and the station at its end; `origin` is the transport and the station's computer."""
+    """Path to the boat from one station; `origin` is the transport and the computer of the station."""
 
-    __slots__ = ("heard_s", "identical_frames", "origin", "since_s", "station")
+    __slots__ = ("identical_frames", "latest_s", "origin", "since_s", "station")
 
     def __init__(self, origin: object, now_s: float) -> None:
         """Start as the path of a new station."""
         self.origin = origin
-        self.since_s = self.heard_s = now_s
+        self.since_s = self.latest_s = now_s
         self.station = object()
-        self.identical_frames = 0  # to those of another path
+        self.identical_frames = 0  # number of frames that are identical to those of another path
 
 
 class _FirstCopy(NamedTuple):
-    """The first copy of a frame."""
+    """First copy of a frame."""
 
-    mark: int
+    frame_hash: int
     path: PeerPath
     t_s: float
-    order: int  # among its sender's frames
+    order: int  # number of the frames of its sender until then
 
 
-class _Sender:
-    """The latest frame of each number of one sender."""
+class _SenderFrames:
+    """Latest frame of each number of one sender."""
 
-    __slots__ = ("by_number", "count", "last_number")
+    __slots__ = ("by_number", "count", "latest_number")
 
     def __init__(self) -> None:
         self.by_number: dict[int, _FirstCopy] = {}
         self.count = 0
-        self.last_number = 0
+        self.latest_number = 0
 
 
 class PeerPaths:
-    """The latest frames of the latest senders, and the path on which each came first; bounded."""
+    """Latest frames of the latest senders with the path of their first copies; bounded."""
 
     def __init__(self) -> None:
         """Start without frames."""
-        self._senders: OrderedDict[Sender, _Sender] = OrderedDict()
+        self._senders: OrderedDict[Sender, _SenderFrames] = OrderedDict()
 
     def is_duplicate(self, path: PeerPath, frame: bytes, now_s: float) -> bool:
-        """Return whether a frame has come already on another path of its station; learn whose path this is.
+        """Return whether a frame was received on another path of its station; assign the path to that station.
 
-        A frame that comes twice on one path is left to the services.
+        A frame that is received twice on one path is not a duplicate here: the services handle it.
         """
-        sender, number = _address(frame)
-        known = self._senders.get(sender)
-        before = None if known is None else known.by_number.get(number)
-        path.heard_s = now_s
-        if before is None or before.path is path or now_s - before.t_s > DUPLICATE_S or before.mark != hash(frame):
+        sender, number = _sender_and_number(frame)
+        frames = self._senders.get(sender)
+        first = None if frames is None else frames.by_number.get(number)
+        path.latest_s = now_s
+        if first is None or first.path is path or now_s - first.t_s > DUPLICATE_S or first.frame_hash != hash(frame):
             return False
-        if before.path.station is path.station:
+        if first.path.station is path.station:
             return True
-        # A program that was restarted repeats its frames, but not on two paths at once.
-        if before.path.heard_s > path.since_s:
+        # A restarted program repeats its frames, but not on two paths at the same time.
+        if first.path.latest_s > path.since_s:
             path.identical_frames += 1
             if path.identical_frames >= MIN_IDENTICAL_FRAMES:
-                path.station = before.path.station
+                path.station = first.path.station
         return False
 
-    def note(self, path: PeerPath, frame: bytes, now_s: float) -> None:
-        """Store a frame. If the same station has sent another frame with its number, the two paths are separated."""
-        sender, number = _address(frame)
-        known = self._senders.get(sender) or _Sender()
-        mark, before = hash(frame), known.by_number.get(number)
-        if before is not None and before.path is not path and now_s - before.t_s <= DUPLICATE_S:
-            if before.mark == mark:
-                return  # it belongs to the other path, which is not known to be the same station's yet
-            if before.path.station is path.station and known.count - before.order < _NUMBERS // 2:
+    def add(self, path: PeerPath, frame: bytes, now_s: float) -> None:
+        """Store a frame. If its station has sent another frame with this number, separate the two paths."""
+        sender, number = _sender_and_number(frame)
+        frames = self._senders.get(sender) or _SenderFrames()
+        frame_hash, first = hash(frame), frames.by_number.get(number)
+        if first is not None and first.path is not path and now_s - first.t_s <= DUPLICATE_S:
+            if first.frame_hash == frame_hash:
+                return  # a copy on a path that is not assigned to the same station yet
+            if first.path.station is path.station and frames.count - first.order < _FRAME_NUMBERS // 2:
                 path.station, path.identical_frames = object(), -SPLIT_PENALTY_FRAMES
-        known.count += 1
-        known.last_number = number
-        known.by_number[number] = _FirstCopy(mark, path, now_s, known.count)
-        keep_latest(self._senders, sender, known, _SENDERS)
+        frames.count += 1
+        frames.latest_number = number
+        frames.by_number[number] = _FirstCopy(frame_hash, path, now_s, frames.count)
+        keep_latest(self._senders, sender, frames, _MAX_SENDERS)
 
-    def follow(self, path: PeerPath, frame: bytes, now_s: float, *, verified: bool) -> None:
+    def assign_moved(self, path: PeerPath, frame: bytes, now_s: float, *, is_verified: bool) -> None:
         """Assign a new path to the station whose frame numbers it continues, from the same computer or signed.
 
-        Number 0 is that of a program that was started just now, such as a script beside the station.
+        Number 0 is excluded: it is that of a program that has just started, such as a script beside the station.
         """
-        sender, number = _address(frame)
-        known = self._senders.get(sender)
-        if known is None or number == 0:
+        sender, number = _sender_and_number(frame)
+        frames = self._senders.get(sender)
+        if frames is None or number == 0:
             return
-        last = known.by_number[known.last_number]
-        goes_on = 1 <= (number - known.last_number) % _NUMBERS <= MAX_LOST_FRAMES
-        if goes_on and (verified or last.path.origin == path.origin) and now_s - last.t_s <= MOVE_TIMEOUT_S:
-            path.station = last.path.station
+        latest = frames.by_number[frames.latest_number]
+        continues = 1 <= (number - frames.latest_number) % _FRAME_NUMBERS <= MAX_LOST_FRAMES
+        is_allowed = is_verified or latest.path.origin == path.origin
+        if continues and is_allowed and now_s - latest.t_s <= MOVE_TIMEOUT_S:
+            path.station = latest.path.station
 
 
-def _address(frame: bytes) -> tuple[Sender, int]:
+def _sender_and_number(frame: bytes) -> tuple[Sender, int]:
     """Return the sender and the number of a frame."""
     if frame[0] == _MAVLINK2:
         return (frame[5], frame[6]), frame[4]
@@ -166,24 +167,25 @@ def _address(frame: bytes) -> tuple[Sender, int]:
 
 
 class Peer:
-    """A peer: the parser of its bytes, the queue to it, the rates that it has requested.
+    """Peer with the parser of its bytes, the queue to it, and the rates that it requested.
 
-    It is proven when frames that are sent to its address are known to arrive: it has sent again after a reply, or its
-    frames are signed. Until then it gets at most a few times the bytes that came from its address.
+    It is proven that the peer receives frames after it has sent again after a reply, or signed a frame. Until then it
+    is sent at most a few times the bytes received from its address.
     """
 
     __slots__ = (
         "_radio_rate",
-        "_unanswered_bytes",
+        "_unproven_sent_bytes",
         "_version",
         "address",
         "bulk",
         "denial_tokens",
         "extended_rows_due",
+        "frame_s",
         "ground_station_s",
-        "heard_s",
         "heartbeat_s",
-        "introduced",
+        "is_introduced",
+        "is_verified",
         "last_frame_s",
         "link_class",
         "notices",
@@ -195,12 +197,11 @@ class Peer:
         "splitter",
         "streams",
         "transport",
-        "verified",
         "version_reported",
     )
 
     def __init__(self, transport: Transport, address: Address, sealer: Sealer, now_s: float) -> None:
-        """Start with the rates of the transport's class."""
+        """Start with the rates of the link class of the transport."""
         self.transport = transport
         self.address = address
         is_datagram = transport.is_datagram
@@ -210,35 +211,35 @@ class Peer:
         self.link_class = link_class_of(transport)
         self.streams = Streams(self.link_class, now_s)
         self.notices = TextLimiter()
-        self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
-        self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
+        self.denial_tokens = TokenBucket(MAX_BURST_DENIALS, MAX_DENIALS_HZ)
+        self.parameter_list_row: int | None = None  # next row of the requested parameter list
         self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table to be sent, in order
-        self.extended_rows_due: dict[int, None] = {}  # and those to be sent as PARAM_EXT
+        self.extended_rows_due: dict[int, None] = {}  # rows to be sent as PARAM_EXT
         self.bulk = BulkShare(transport.byte_rate)
         self._radio_rate = RadioRate(transport.byte_rate)
         self._version = VersionDetector()
         self.last_frame_s = now_s  # time of the latest valid frame, or of the start
-        self.heard_s: float | None = None  # its latest valid frame
-        self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
-        self.heartbeat_s = -math.inf  # of the latest one that was sent while it was pending
-        self.introduced = False  # the arming checks were sent before the first heartbeat
-        self.version_reported = False  # the notice that it is answered in MAVLink 1 was sent
-        self.rest_follows = False  # the rest of the datagram is still in the receive queue
-        self.verified = False  # it has signed a frame with the boat's key
-        self._unanswered_bytes = 0  # sent before it became unproven
+        self.frame_s: float | None = None  # time of the latest valid frame; None before the first
+        self.ground_station_s: float | None = None  # time of its latest heartbeat of a ground station
+        self.heartbeat_s = -math.inf  # time of the latest heartbeat to it while it was pending
+        self.is_introduced = False  # whether the arming checks were sent before the first heartbeat
+        self.version_reported = False  # whether the notice about MAVLink 1 was sent
+        self.rest_follows = False  # whether the rest of the datagram is in the receive queue
+        self.is_verified = False  # whether it has signed a frame with the boat's key
+        self._unproven_sent_bytes = 0  # bytes sent before it became unproven
 
     @property
-    def quiet(self) -> bool:
-        """Whether it gets only what it has requested: every byte over a satellite is paid for."""
-        return self.link_class is LinkClass.SATELLITE or self.by_message
+    def is_satellite(self) -> bool:
+        """Whether its link is charged by data, so that only requested messages are sent."""
+        return self.link_class is LinkClass.SATELLITE or self.has_paid_messages
 
     @property
-    def by_message(self) -> bool:
-        """Whether it gets reports and warnings as single messages, each of which is paid for."""
+    def has_paid_messages(self) -> bool:
+        """Whether its link is charged by message. Reports and warnings are sent to it without a request."""
         return self.link_class is LinkClass.MESSAGES
 
     @property
-    def routes(self) -> bool:
+    def is_routed(self) -> bool:
         """Whether messages between other systems are routed over its link."""
         route = self.transport.options.route
         if self.link_class is LinkClass.MESSAGES:
@@ -246,26 +247,27 @@ class Peer:
         return self.link_class is LinkClass.FAST if route is None else route
 
     @property
-    def proven(self) -> bool:
-        """Whether frames that are sent to its address are known to arrive."""
+    def is_proven(self) -> bool:
+        """Whether it is proven that frames to its address arrive."""
         return self.outbox.credit_bytes is None
 
-    def take_over(self, other: Peer) -> None:
-        """Replace another peer of the same station: its requests are served here from now on."""
-        self.streams, self.introduced, self.ground_station_s = other.streams, other.introduced, other.ground_station_s
+    def copy_requests(self, other: Peer) -> None:
+        """Copy the requests of another peer of the same station, which this peer replaces."""
+        self.streams, self.ground_station_s = other.streams, other.ground_station_s
+        self.is_introduced = other.is_introduced
         self.parameter_list_row = other.parameter_list_row
         self.parameter_rows_due, self.extended_rows_due = other.parameter_rows_due, other.extended_rows_due
 
     def status(self, now_s: float, *, has_place: bool) -> PeerStatus:
-        """Return the status of the peer for reports."""
+        """Return the status of the peer for reports; `has_place`: whether it is active."""
         host = self.transport.host(self.address)
-        where = ":".join(map(str, self.address)) if isinstance(self.address, tuple) else str(host)
+        address = ":".join(map(str, self.address)) if isinstance(self.address, tuple) else str(host)
         return PeerStatus(
-            address=where if isinstance(host, str) else self.transport.name,
+            address=address if isinstance(host, str) else self.transport.name,
             ground_station=self.ground_station_s is not None,
             has_place=has_place,
-            signs=self.verified,
-            heard_age_s=None if self.heard_s is None else now_s - self.heard_s,
+            signs=self.is_verified,
+            heard_age_s=None if self.frame_s is None else now_s - self.frame_s,
             sent_bytes=self.outbox.sent_bytes,
             dropped=self.outbox.dropped,
             rejected=self.splitter.rejected,
@@ -273,51 +275,52 @@ class Peer:
 
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
         """Return the number of frames of a long transfer that may be queued now; 0 for an unproven peer."""
-        return self.bulk.max_frames(frame_bytes, self.outbox.queued_count(Priority.REPLY), now_s) if self.proven else 0
+        queued_replies = self.outbox.queued_count(Priority.REPLY)
+        return self.bulk.max_frames(frame_bytes, queued_replies, now_s) if self.is_proven else 0
 
     def update_version(self, frames: Iterable[Frame], now_s: float) -> None:
-        """Answer in MAVLink 1 if the peer continues to use it; not by satellite, where the cause is not known."""
-        if self.outbox.sent_bytes and not self.quiet:
+        """Send MAVLink 1 if the peer still uses it after the reception of MAVLink 2; not on a satellite link."""
+        if self.outbox.sent_bytes and not self.is_satellite:
             self._version.update(frames, now_s)
             self.outbox.is_mavlink1_only = self._version.is_mavlink1_only
 
-    def keep_pace(self, free_percent: int, now_s: float) -> None:
-        """Adapt the rate to the free buffer of a modem in the line."""
+    def adapt_to_radio(self, free_percent: int, now_s: float) -> None:
+        """Adapt the rate to the free buffer of the modem in the line."""
         self._radio_rate.update(free_percent, now_s)
-        self._pace(now_s)
+        self._apply_radio_rate(now_s)
 
-    def forget_silent_radio(self, now_s: float) -> None:
-        """Return to the full rate of the line if its modem reports no more."""
+    def reset_radio_after_silence(self, now_s: float) -> None:
+        """Return to the full rate of the line if RADIO_STATUS is missing."""
         if self._radio_rate.reset_after_silence(now_s):
-            self._pace(now_s)
+            self._apply_radio_rate(now_s)
 
-    def _pace(self, now_s: float) -> None:
+    def _apply_radio_rate(self, now_s: float) -> None:
         self.outbox.set_rate_share(self._radio_rate.share, now_s)
         self.bulk.set_rate_share(self._radio_rate.share, now_s)
 
     def may_need_introduction(self, now_s: float) -> bool:
-        """Whether the next heartbeat may be the first one that a program there receives."""
-        return not self.introduced or self.heard_s is None or now_s - self.heard_s > HEARTBEAT_GAP_S
+        """Return whether the next heartbeat may be the first one that a program of the peer receives."""
+        return not self.is_introduced or self.frame_s is None or now_s - self.frame_s > HEARTBEAT_GAP_S
 
     def mark_unproven(self) -> None:
-        """Limit what is sent until the address is proven again."""
+        """Limit the bytes to the peer until its address is proven again."""
         self.outbox.credit_bytes = 0
-        self._unanswered_bytes = self.outbox.sent_bytes
+        self._unproven_sent_bytes = self.outbox.sent_bytes
 
-    def note_reception(self, count_bytes: int, now_s: float) -> bool:
-        """Note the reception of frames with this number of bytes; return whether the peer is proven."""
-        self.heard_s = self.last_frame_s = now_s
+    def register_reception(self, count_bytes: int, now_s: float) -> bool:
+        """Register received frames with this number of bytes; return whether the peer is proven."""
+        self.frame_s = self.last_frame_s = now_s
         if self.outbox.credit_bytes is None:
             return True
-        answered = self.quiet or self.outbox.sent_bytes > self._unanswered_bytes
-        if self.verified or (answered and not self.rest_follows):
+        was_sent_data = self.is_satellite or self.outbox.sent_bytes > self._unproven_sent_bytes
+        if self.is_verified or (was_sent_data and not self.rest_follows):
             return True
-        self.outbox.credit_bytes += _CREDIT * count_bytes
+        self.outbox.credit_bytes += _CREDIT_PER_BYTE * count_bytes
         return False
 
 
 class Station:
-    """A station and the peer through which it is answered; equal for one station on all of its paths.
+    """Station and the peer to which replies are sent. Two objects of one station on different paths are equal.
 
     The ids alone do not identify a station, since most use 255 and 190.
     """
@@ -325,7 +328,7 @@ class Station:
     __slots__ = ("_key", "peer", "sender")
 
     def __init__(self, peer: Peer, sender: Sender) -> None:
-        """Take the peer and the MAVLink ids."""
+        """Store the peer and the MAVLink ids."""
         self.peer = peer
         self.sender = sender
         self._key = (peer.path.station, sender)
@@ -345,49 +348,50 @@ def sender_of(message: Message) -> Sender:
 
 
 def station_of(peer: Peer, message: Message) -> Station:
-    """Return the station that sent a message, with the peer through which it came."""
+    """Return the station that sent a message."""
     return Station(peer, sender_of(message))
 
 
 class Contender(NamedTuple):
-    """An active or pending peer in the competition for capacity."""
+    """Active or pending peer that competes for the capacity of a link."""
 
     key: tuple[int, Hashable]  # index of the transport, address on it
     host: Hashable  # its computer
-    known: bool  # it belongs to the owner, as far as that can be verified
-    heard_s: float
+    is_owner: bool  # whether it counts as the owner of the boat: see `Gate.is_owner`
+    frame_s: float  # time of its latest frame
 
 
 def select_evictions(newcomer: Contender, contenders: Sequence[Contender], now_s: float) -> Sequence[Contender] | None:
-    """Return the peers to evict for a newcomer: none while there is capacity; None if the newcomer is rejected.
+    """Return the peers to evict for a newcomer, empty if there is capacity; None if the newcomer is rejected.
 
-    A known peer evicts an unknown one, never the reverse. Among equals a silent one is evicted, or one of the host that
-    has more peers than the newcomer's host would have.
+    A peer of the owner evicts an unknown one, never the reverse. Among equals a silent peer is evicted, or a peer of a
+    host with more peers than the host of the newcomer would have.
     """
-    unknown = [contender for contender in contenders if not contender.known]
-    if len(contenders) < MAX_ACTIVE_PEERS and (newcomer.known or len(unknown) < MAX_UNKNOWN_PEERS):
+    unknown = [contender for contender in contenders if not contender.is_owner]
+    if len(contenders) < MAX_ACTIVE_PEERS and (newcomer.is_owner or len(unknown) < MAX_UNKNOWN_PEERS):
         return ()
-    if newcomer.known and unknown:
+    if newcomer.is_owner and unknown:
         return (_select_longest_silent(unknown),)
-    rivals = contenders if newcomer.known else unknown
-    if not rivals:
+    equals = contenders if newcomer.is_owner else unknown
+    if not equals:
         return None
-    silent = min(rivals, key=lambda contender: contender.heard_s)
-    if now_s - silent.heard_s > QUIET_S:
-        return (silent,)
-    peers_of_host = Counter(contender.host for contender in rivals)
-    candidate = _select_longest_silent(rivals)
+    oldest = min(equals, key=lambda contender: contender.frame_s)
+    if now_s - oldest.frame_s > QUIET_S:
+        return (oldest,)
+    peers_of_host = Counter(contender.host for contender in equals)
+    candidate = _select_longest_silent(equals)
     return (candidate,) if peers_of_host[candidate.host] > peers_of_host[newcomer.host] + 1 else None
 
 
 def select_pending_evictions(pending: Sequence[Contender]) -> Sequence[Contender]:
-    """Return the pending peers to evict if there are too many: the oldest of the host with the most."""
+    """Return the pending peers to evict if there are too many: the oldest of the host with most peers."""
     return (_select_longest_silent(pending),) if len(pending) > MAX_PENDING_PEERS else ()
 
 
 def _select_longest_silent(contenders: Sequence[Contender]) -> Contender:
+    """Return the contender with the oldest frame of the host with most contenders."""
     peers_of_host = Counter(contender.host for contender in contenders)
-    return min(contenders, key=lambda contender: (-peers_of_host[contender.host], contender.heard_s))
+    return min(contenders, key=lambda contender: (-peers_of_host[contender.host], contender.frame_s))
 
 
 class PeerObserver(Protocol):
@@ -400,7 +404,7 @@ class PeerObserver(Protocol):
         """Queue the periodic messages to a pending peer."""
 
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat, and nothing else."""
+        """Queue a heartbeat only."""
 
     def notify(self, text: str, now_s: float) -> None:
         """Report a rejected peer to the stations."""
@@ -409,34 +413,34 @@ class PeerObserver(Protocol):
 class Peers:
     """All active and pending peers; bounded.
 
-    Peers that the vehicle file names are active from the start. Any other is pending first: on a datagram transport
-    after its first admitted frame, on a connection as soon as it is open. A pending peer gets a heartbeat every second
-    (none where it must sign) and replies within its credit. It becomes active when it is proven: by a second frame
-    after a reply, on a connection by the first frame. A sender with the key and an old timestamp (after a
-    restart of the boat its own clock may be ahead) gets one signed heartbeat, from which it learns the timestamp; a
-    sender that replays a frame gets no more than that.
+    Peers in the vehicle file are active from the start. Other peers are pending at first: on a datagram transport after
+    the first admitted frame, on a connection when it is open. A pending peer is sent a heartbeat every second (not if
+    it must sign) and replies within its credit. It becomes active when it is proven: by a second frame after a reply,
+    on a connection by the first frame. A sender with the key and an old timestamp is sent one signed heartbeat, which
+    contains the present timestamp, since the boat may have restarted with a fast clock. A sender that replays a frame
+    is sent no more than that.
     """
 
     def __init__(
         self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], observer: PeerObserver
     ) -> None:
-        """Take the transports, the gate that judges frames, the signer of each transport, and the observer."""
+        """Store the transports, the gate, the function that returns the sealer of a transport, and the observer."""
         self._transports = tuple(transports)
-        # Checked once: isinstance of a protocol took a tenth of every status.
+        # Determined once, since isinstance with a protocol is slow.
         self._satellites = tuple(each if isinstance(each, Satellite) else None for each in self._transports)
         self._gate = gate
         self._sealer = sealer
         self._observer = observer
-        self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
+        self._late_heartbeats = TokenBucket(MAX_LATE_HEARTBEATS, MAX_LATE_HEARTBEATS_HZ)
         self._active: dict[Key, Peer] = {}
         self._pending: dict[Key, Peer] = {}
         self._paths = PeerPaths()
         self.rejected = 0  # datagrams of unknown senders without a frame, or beyond the capacity
-        self._gone_rejected = 0
-        self._blocked_since_s: dict[int, float] = {}  # by transport; infinite once it was reported
+        self._removed_peers_rejected = 0  # damaged frames of removed peers
+        self._blocked_since_s: dict[int, float] = {}  # by transport; infinite after the report
 
     def __iter__(self) -> Iterator[Peer]:
-        """Iterate over the active peers of this moment."""
+        """Iterate over a copy of the active peers."""
         return iter(tuple(self._active.values()))
 
     def __len__(self) -> int:
@@ -448,20 +452,20 @@ class Peers:
         return (*self._active.values(), *self._pending.values())
 
     def has(self, index: int, address: Address) -> bool:
-        """Return whether an address is that of an active peer."""
+        """Return whether there is an active peer with this address."""
         return (index, address) in self._active
 
     def refused_frames(self) -> int:
-        """Return the number of broken frames from all peers since start."""
-        return self._gone_rejected + sum([peer.splitter.rejected for peer in self.all_peers()])
+        """Return the number of damaged frames from all peers since start."""
+        return self._removed_peers_rejected + sum([peer.splitter.rejected for peer in self.all_peers()])
 
     def flush(self, now_s: float) -> None:
-        """Hand all queued frames to the transports."""
+        """Send the queued frames of all peers."""
         for peer in self.all_peers():
             peer.outbox.flush(now_s)
 
     def status(self, now_s: float) -> tuple[LinkStatus, ...]:
-        """Return the status of each transport with its peers, pending ones last."""
+        """Return the status of each transport with its active and then its pending peers."""
         active = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._active.items()]
         pending = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._pending.items()]
         return tuple(
@@ -478,7 +482,7 @@ class Peers:
     # ------------------------------------------------------------------ timeouts
 
     def update(self, now_s: float) -> None:
-        """Add new connections, remove closed and silent peers, send heartbeats to pending ones."""
+        """Add new connections, remove closed and silent peers, send heartbeats to pending peers."""
         permanent: dict[Key, None] = {}
         connected: dict[Key, None] = {}
         for index, transport in enumerate(self._transports):
@@ -491,7 +495,7 @@ class Peers:
             if key not in self._active:
                 self._activate(key, self._new_peer(key, now_s), now_s)
             else:
-                self._active[key].forget_silent_radio(now_s)
+                self._active[key].reset_radio_after_silence(now_s)
         for key in connected:
             if key not in self._active and key not in self._pending:
                 self._set_pending(key, self._new_peer(key, now_s), now_s)
@@ -501,20 +505,20 @@ class Peers:
             is_datagram, silent_s = peer.transport.is_datagram, now_s - peer.last_frame_s
             if silent_s > FORGET_S or not (is_datagram or key in connected):
                 self._remove(key, now_s)
-            elif is_datagram and peer.proven and not peer.verified and silent_s > UNPROVEN_AFTER_S:
+            elif is_datagram and peer.is_proven and not peer.is_verified and silent_s > UNPROVEN_AFTER_S:
                 peer.mark_unproven()
         for key, peer in tuple(self._pending.items()):
-            silent = now_s - peer.last_frame_s > QUIET_S
-            if silent and key in connected:
+            is_silent = now_s - peer.last_frame_s > QUIET_S
+            if is_silent and key in connected:
                 host = peer.transport.host(key[1])
                 self._observer.notify(f"{host} on {peer.transport.name} dropped: no valid frame", now_s)
-            if silent or not (peer.transport.is_datagram or key in connected):
+            if is_silent or not (peer.transport.is_datagram or key in connected):
                 self._remove(key, now_s)
             else:
                 self._announce_if_due(peer, now_s)
 
     def _report_blocked_links(self, now_s: float) -> None:
-        """Report each link that stays blocked, once each time."""
+        """Report each link that is blocked for BLOCKED_REPORT_S, once until it recovers."""
         for index, transport in enumerate(self._transports):
             if not transport.blocked_reason:
                 self._blocked_since_s.pop(index, None)
@@ -522,53 +526,58 @@ class Peers:
                 self._blocked_since_s[index] = math.inf
                 self._observer.notify(f"Link blocked: {transport.name}: {transport.blocked_reason}", now_s)
 
-    def _permanent(self, key: Key) -> bool:
+    def _is_permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()
 
     def _announce_if_due(self, peer: Peer, now_s: float) -> None:
-        silent = peer.quiet or self._gate.unsigned(peer.transport.options) is Permission.NONE
-        if not silent and now_s - peer.heartbeat_s >= HEARTBEAT_S:
+        must_sign = self._gate.unsigned_permission(peer.transport.options) is Permission.NONE
+        if not peer.is_satellite and not must_sign and now_s - peer.heartbeat_s >= HEARTBEAT_S:
             peer.heartbeat_s = now_s
             self._observer.announce(peer)
 
     # ------------------------------------------------------------------ received bytes
 
-    def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Admitted]] | None:
-        """Return the peer that sent these bytes and the frames they complete; None for noise of an unknown sender."""
+    def receive(
+        self, index: int, address: Address, data: bytes, now_s: float
+    ) -> tuple[Peer, list[AdmittedFrame]] | None:
+        """Return the peer that sent these bytes and the frames that they complete.
+
+        Return None if an unknown sender sent no valid frame, or if the peer is rejected.
+        """
         key, transport = (index, address), self._transports[index]
         peer = self._active.get(key) or self._pending.get(key)
         splitter = Splitter() if peer is None else peer.splitter
-        late_before = self._gate.late_frames
+        late_frames = self._gate.late_frames
         frames = splitter.feed(data, now_s)
-        # Before the gate: a signed frame that has come on another path fails there for its timestamp.
-        fresh = frames if peer is None else self._fresh(peer, frames, now_s)
-        admitted = self._gate.admit(fresh, transport.options, line=transport.byte_rate is not None)
-        if not admitted and len(fresh) == len(frames):
-            if key not in self._active and self._gate.late_frames > late_before:
-                self._help_stale_timestamp(peer or self._new_peer(key, now_s), now_s)
+        # Duplicates are removed before the gate, which would reject a signed duplicate for its timestamp.
+        new_frames = frames if peer is None else self._without_duplicates(peer, frames, now_s)
+        admitted = self._gate.admit(new_frames, transport.options, line=transport.byte_rate is not None)
+        if not admitted and len(new_frames) == len(frames):
+            if key not in self._active and self._gate.late_frames > late_frames:
+                self._send_timestamp(peer or self._new_peer(key, now_s), now_s)
             if peer is None:
                 self.rejected += 1
             return None if peer is None else (peer, admitted)
         if peer is None:
             peer = self._new_peer(key, now_s)
-            peer.splitter = splitter  # it may hold the first part of a frame
-            if self._permanent(key):
+            peer.splitter = splitter  # it may contain the start of a frame
+            if self._is_permanent(key):
                 self._activate(key, peer, now_s)
             else:
                 peer.mark_unproven()
                 self._set_pending(key, peer, now_s)
             first = admitted[0]
-            self._paths.follow(peer.path, first.frame.data, now_s, verified=first.verified)
-            fresh = self._fresh(peer, (each.frame for each in admitted), now_s)
-            admitted = [each for each in admitted if each.frame in fresh]
+            self._paths.assign_moved(peer.path, first.frame.data, now_s, is_verified=first.is_verified)
+            new_frames = self._without_duplicates(peer, (each.frame for each in admitted), now_s)
+            admitted = [each for each in admitted if each.frame in new_frames]
         for each in admitted:
             if each.permission is Permission.COMMANDER:
-                self._paths.note(peer.path, each.frame.data, now_s)
+                self._paths.add(peer.path, each.frame.data, now_s)
         peer.update_version((each.frame for each in admitted), now_s)
-        peer.verified = peer.verified or any(frame.verified for frame in admitted)
-        if peer.note_reception(len(data), now_s):
+        peer.is_verified = peer.is_verified or any(each.is_verified for each in admitted)
+        if peer.register_reception(len(data), now_s):
             if not self.has(*key) and not (
-                self._take_over(key, peer, now_s) or self._activate_if_admitted(key, peer, now_s)
+                self._replace_moved(key, peer, now_s) or self._activate_if_admitted(key, peer, now_s)
             ):
                 self.rejected += 1
                 return None
@@ -577,23 +586,24 @@ class Peers:
             self._announce_if_due(peer, now_s)
         return peer, admitted
 
-    def _fresh(self, peer: Peer, frames: Iterable[Frame], now_s: float) -> list[Frame]:
+    def _without_duplicates(self, peer: Peer, frames: Iterable[Frame], now_s: float) -> list[Frame]:
         return [frame for frame in frames if not self._paths.is_duplicate(peer.path, frame.data, now_s)]
 
-    def _help_stale_timestamp(self, peer: Peer, now_s: float) -> None:
+    def _send_timestamp(self, peer: Peer, now_s: float) -> None:
+        """Send a signed heartbeat, whose timestamp a sender with an old timestamp adopts."""
         if self._late_heartbeats.spend_one(now_s):
             self._observer.send_heartbeat(peer)
             peer.outbox.flush(now_s)
 
     # ------------------------------------------------------------------ capacity
 
-    def _take_over(self, key: Key, peer: Peer, now_s: float) -> bool:
-        """Replace the peer of a station whose port has changed behind a NAT; False if there is none."""
+    def _replace_moved(self, key: Key, peer: Peer, now_s: float) -> bool:
+        """Replace the former peer of a station behind a NAT whose port has changed; return False without one."""
         for other_key, other in tuple(self._active.items()):
             path = other.path
-            same = path.station is peer.path.station and path.origin == peer.path.origin
-            if same and path.heard_s < peer.path.since_s and not self._permanent(other_key):
-                peer.take_over(other)
+            is_same = path.station is peer.path.station and path.origin == peer.path.origin
+            if is_same and path.latest_s < peer.path.since_s and not self._is_permanent(other_key):
+                peer.copy_requests(other)
                 self._remove(other_key, now_s)
                 self._set_active(key, peer)
                 return True
@@ -602,11 +612,12 @@ class Peers:
     def _activate_if_admitted(self, key: Key, peer: Peer, now_s: float) -> bool:
         newcomer = self._contender(key, peer)
         active = [self._contender(*item) for item in self._active.items() if item[0][0] == key[0]]
-        leaving = select_evictions(newcomer, [evicted for evicted in active if not self._permanent(evicted.key)], now_s)
-        if leaving is None:
+        evictable = [contender for contender in active if not self._is_permanent(contender.key)]
+        evictions = select_evictions(newcomer, evictable, now_s)
+        if evictions is None:
             self._observer.notify(f"Station {newcomer.host} refused: {peer.transport.name} is full", now_s)
             return False
-        for evicted in leaving:
+        for evicted in evictions:
             self._remove(evicted.key, now_s)
             self._observer.notify(
                 f"Station {evicted.host} dropped from {peer.transport.name}: replaced by {newcomer.host}", now_s
@@ -625,37 +636,37 @@ class Peers:
 
     def _set_pending(self, key: Key, peer: Peer, now_s: float) -> None:
         self._pending[key] = peer
-        queue = [self._contender(*item) for item in self._pending.items() if item[0][0] == key[0]]
-        for evicted in select_pending_evictions(queue):
+        pending = [self._contender(*item) for item in self._pending.items() if item[0][0] == key[0]]
+        for evicted in select_pending_evictions(pending):
             self._remove(evicted.key, now_s)
 
     def _remove(self, key: Key, now_s: float) -> None:
         peer = self._pending.pop(key, None) or self._active.pop(key)
         peer.outbox.flush(now_s)
-        self._gone_rejected += peer.splitter.rejected
+        self._removed_peers_rejected += peer.splitter.rejected
         peer.transport.drop(key[1])
 
     def _contender(self, key: Key, peer: Peer) -> Contender:
-        known = self._gate.knows(peer.transport.options, verified=peer.verified)
-        return Contender(key, peer.transport.host(key[1]), known, peer.last_frame_s)
+        is_owner = self._gate.is_owner(peer.transport.options, is_verified=peer.is_verified)
+        return Contender(key, peer.transport.host(key[1]), is_owner, peer.last_frame_s)
 
     def _new_peer(self, key: Key, now_s: float) -> Peer:
         return Peer(self._transports[key[0]], key[1], self._sealer(key[0]), now_s)
 
 
 class DuplicateSystemId:
-    """Detects another vehicle with the boat's own system id: both would obey every order of a station.
+    """Detection of another vehicle with the system id of the boat: both would execute each command of a station.
 
-    A frame of the boat's own that a loop in the wiring sends back is no sign of one.
+    An own frame that a loop in the wiring sends back is not counted.
     """
 
     def __init__(self, system: int, autopilot: int, utc_s: Callable[[], float], report: Callable[[str], None]) -> None:
-        """Take the ids that the boat sends, its clock, and what reports a text to all ground stations."""
+        """Store the ids of the boat, its clock, and the function that sends a text to all ground stations."""
         self._system = system
         self._autopilot = autopilot
         self._utc_s = utc_s
         self._report = report
-        self._foreign_frames = 0  # in a row
+        self._foreign_frames = 0  # in sequence
         self._reported_s = -math.inf
 
     def check(self, message: Message, now_s: float) -> None:
@@ -663,20 +674,20 @@ class DuplicateSystemId:
         number = type(message).id
         if number == _HEARTBEAT:
             if (message.type, message.autopilot) == (mavlink.MAV_TYPE_SURFACE_BOAT, self._autopilot):
-                return  # may be either boat's
+                return  # equal to a heartbeat of the boat itself
         elif number != _SYSTEM_TIME:
             return
         elif self._is_own_time(message, now_s):
             self._foreign_frames = 0
             return
         self._foreign_frames += 1
-        if self._foreign_frames >= _FOREIGN_FRAMES and now_s - self._reported_s >= _DUPLICATE_REPORT_S:
+        if self._foreign_frames >= _MIN_FOREIGN_FRAMES and now_s - self._reported_s >= _DUPLICATE_REPORT_S:
             self._reported_s = now_s
             self._report(f"Duplicate system id {self._system} on the link: change LNK_SYSID")
 
     def _is_own_time(self, message: Message, now_s: float) -> bool:
-        """Whether this boat may have sent a SYSTEM_TIME lately: both of its clocks match."""
+        """Return whether the boat may have sent this SYSTEM_TIME recently: both of its clocks match."""
         age_s = ((boot_ms(now_s + _CLOCK_TOLERANCE_S) - message.time_boot_ms) & UINT32_MAX) * 1e-3 - _CLOCK_TOLERANCE_S
         unix_s = message.time_unix_usec * 1e-6
-        matches = not unix_s or abs(self._utc_s() - age_s - unix_s) < _CLOCK_TOLERANCE_S
-        return age_s <= _ECHO_S and matches
+        utc_matches = not unix_s or abs(self._utc_s() - age_s - unix_s) < _CLOCK_TOLERANCE_S
+        return age_s <= _MAX_ECHO_AGE_S and utc_matches

@@ -220,7 +220,7 @@ class Boat:
             return not self.options.trusted
         policy = self.options.policy
         if policy is Policy.AUTO:
-            return self.endpoint._signing.active and not self.options.trusted
+            return self.endpoint._signing.has_key and not self.options.trusted
         return policy is not Policy.OPEN
 
     def frame(self, number, body, station, *, signed, late):
@@ -238,7 +238,7 @@ class Boat:
         return data + hashlib.sha256(SECRET + data).digest()[:6]
 
     def receive(self, data, station, *, signed):
-        self.handler.allowed = (signed and self.endpoint._signing.active) or not self.requires_signature
+        self.handler.allowed = (signed and self.endpoint._signing.has_key) or not self.requires_signature
         if self.options.systems is not None and STATIONS[station][0] not in self.options.systems:
             self.handler.allowed = False
         previous = self.autopilot._ahead

@@ -200,13 +200,13 @@ def signing_key(data):
     def restore(content):
         signing = Signing(lambda: UTC_S, save)
         state = signing.restore(Stored(content))
-        assert signing.active == (state is KeyState.PRESENT)
+        assert signing.has_key == (state is KeyState.PRESENT)
         assert bool(signing.problem) == (state is KeyState.LOST)
         return signing
 
     signing = restore(data)
-    assert signing.active or signing.problem or not data
-    if signing.active:
+    assert signing.has_key or signing.problem or not data
+    if signing.has_key:
         signing.store_exactly()
         decoded = restore(saved[-1])
         decoded.store_exactly()

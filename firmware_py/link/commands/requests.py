@@ -96,7 +96,7 @@ def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
     context.high_latency = state == 1.0
     interval_s = context.request_handler.parameters()["LNK_SAT_S"] if context.high_latency else None
     for peer in context.peers:
-        if peer.quiet and not peer.by_message:
+        if peer.is_satellite and not peer.has_paid_messages:
             peer.streams.set_high_latency(interval_s, call.now_s)
     return ACCEPTED
 

@@ -372,7 +372,7 @@ class CommandMemory:
             return _find_earlier_duplicate(new, latest, earlier)
         age_s = new.t_s - latest.t_s
         if is_retry:
-            return latest if age_s < (SATELLITE_RETRY_S if new.station.peer.quiet else RETRY_S) else None
+            return latest if age_s < (SATELLITE_RETRY_S if new.station.peer.is_satellite else RETRY_S) else None
         frames_behind = (latest.sequence - new.sequence) & 0xFF
         if frames_behind < 128 and age_s < OVERTAKEN_S:
             return latest
@@ -403,7 +403,7 @@ def _is_repeated(record: CommandRecord, new: CommandRecord, *, is_retry: bool) -
     age_s = new.t_s - record.t_s
     path = new.station.peer.path
     if is_retry:
-        return age_s < (SATELLITE_RETRY_S if new.station.peer.quiet else RELATIVE_RETRY_S)
+        return age_s < (SATELLITE_RETRY_S if new.station.peer.is_satellite else RELATIVE_RETRY_S)
     # A restarted program sends the same sequence numbers on a new path.
     is_other_path = path is not record.station.peer.path and path.since_s < record.t_s + OVERTAKEN_S
     return is_other_path and record.sequence == new.sequence and age_s < DUPLICATE_S

@@ -157,7 +157,7 @@ class ParameterServer:
         if is_stored:
             # The requester is the first, and may be a pending peer.
             for peer in dict.fromkeys((*(() if requester is None else (requester,)), *self._context.peers)):
-                if peer is requester or not peer.quiet:
+                if peer is requester or not peer.is_satellite:
                     for row in rows:
                         self._queue_row(peer, row)
                     self.pump(peer, self._context.now_s)

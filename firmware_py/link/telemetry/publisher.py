@@ -99,7 +99,7 @@ class SatelliteReports:
 
     def update(self, now_s: float) -> None:
         """Make a report due after a change of mode or arming, and set its interval from the parameter."""
-        peers = [peer for peer in self._context.peers if peer.by_message]
+        peers = [peer for peer in self._context.peers if peer.has_paid_messages]
         snapshot = self._context.snapshot
         if not peers or snapshot is None:
             return

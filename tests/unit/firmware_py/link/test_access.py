@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.peers import DENIALS, LATE_HEARTBEATS
+from firmware_py.link.peers import MAX_BURST_DENIALS, MAX_LATE_HEARTBEATS
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault
@@ -145,7 +145,7 @@ def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
     old = rig.frame(ARM)
     before = len(rig.request_handler.intents)
     replies = [message for _ in range(50) for message in rig.give(old, address="stranger")]
-    assert [message.get_type() for message in replies] == ["HEARTBEAT"] * LATE_HEARTBEATS
+    assert [message.get_type() for message in replies] == ["HEARTBEAT"] * MAX_LATE_HEARTBEATS
     rig.tick_silently(seconds=1.0)
     assert {address for address, _ in rig.transport.sent} == {"station"}
     assert len(rig.request_handler.intents) == before
@@ -207,7 +207,7 @@ def test_asking_is_no_command(linked, of):
 def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
     rig = linked("policy=signed-commands")
     replies = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
-    assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == DENIALS
+    assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == MAX_BURST_DENIALS
     rig.now_s += 1.0
     replies = rig.tell(*[ARM] * 20)
     assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == 5
@@ -233,7 +233,7 @@ def test_a_signature_does_not_make_up_for_a_system_that_is_not_on_the_list(linke
     sign(rig)
     rig.tell(ARM, REMOVE)
     assert rig.request_handler.intents == []
-    assert rig.endpoint._signing.active
+    assert rig.endpoint._signing.has_key
 
 
 def test_mavlink_1_is_heard_or_not_by_parameter(linked):
@@ -267,7 +267,7 @@ def test_a_key_is_set_over_a_trusted_link_only(linked, texts):
     rig = linked()
     (refusal,) = texts(rig.tell(SETUP))
     assert all(part in refusal for part in ("SETUP_SIGNING refused", "rambler key set", "?trusted=1"))
-    assert not rig.endpoint._signing.active
+    assert not rig.endpoint._signing.has_key
     assert rig.vault.contents == []
 
 
@@ -280,7 +280,7 @@ def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, opti
     assert rig.vault.contents[-1] == b""
     assert rig.vault.both[0]
     assert rig.vault.both[-1]
-    assert not rig.endpoint._signing.active
+    assert not rig.endpoint._signing.has_key
 
 
 def test_the_key_is_reported_to_no_peer(linked):
@@ -311,7 +311,7 @@ def test_what_is_no_key_is_refused_and_the_old_one_stands(linked, key, timestamp
 def test_a_setup_for_another_system_is_left_alone(linked):
     rig = linked("trusted=1")
     rig.tell(mavlink.MAVLink_setup_signing_message(2, 1, KEY, NOW))
-    assert not rig.endpoint._signing.active
+    assert not rig.endpoint._signing.has_key
 
 
 def test_a_station_with_another_key_can_set_it_over_a_trusted_link(linked):

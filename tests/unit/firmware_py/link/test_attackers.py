@@ -143,7 +143,7 @@ def flood(rig):
         rig.prove((f"203.0.113.{number}", 1))
     sign(rig)
     rig.tell(BEAT, address="station")
-    if not rig.endpoint._signing.active:
+    if not rig.endpoint._signing.has_key:
         rig.tell(BEAT, address="station")
     if len(rig.endpoint._peers) == 0:
         return SHUT
@@ -151,13 +151,13 @@ def flood(rig):
 
 
 def set_up_signing(rig):
-    was_there = rig.endpoint._signing.active
+    was_there = rig.endpoint._signing.has_key
     for message in (BEAT, BEAT, mavlink.MAVLink_setup_signing_message(1, 1, NO_KEY, 0)):
         rig.tell(message, address="attacker")
-    if was_there and not rig.endpoint._signing.active:
+    if was_there and not rig.endpoint._signing.has_key:
         return SET
     rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, ANOTHER_KEY, NOW), address="attacker")
-    assert rig.endpoint._signing.active is was_there
+    assert rig.endpoint._signing.has_key is was_there
     assert ANOTHER_KEY.hex().encode() not in b"".join(rig.vault.contents)
     return KEPT
 

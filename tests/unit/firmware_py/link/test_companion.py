@@ -9,7 +9,7 @@ from firmware_py.common.intents import ReportBattery, Request, Verdict
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
-from firmware_py.link.services import reported
+from firmware_py.link.services import battery_report
 from firmware_py.safety.power_monitor import read_supply
 
 NONE = 65535
@@ -33,7 +33,7 @@ def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, m
     ],
 )
 def test_what_a_battery_status_says(message, expected):
-    replies = reported(message)
+    replies = battery_report(message)
     for name in ReportBattery.__slots__:
         assert getattr(replies, name) == (
             None if getattr(expected, name) is None else pytest.approx(getattr(expected, name))
@@ -55,7 +55,7 @@ def companion(rig):
 
 
 def test_the_component_that_was_chosen_is_believed(companion):
-    assert companion(battery()) == [reported(battery())]
+    assert companion(battery()) == [battery_report(battery())]
 
 
 @pytest.mark.parametrize("who", [{"chosen": 0}, {"chosen": 201}, {"system": 2}, {"component": 0, "chosen": 0}])

@@ -216,7 +216,7 @@ def beat(number, sender=255, base_mode=0):
 def received(ways, way, frame, now_s):
     double = ways.is_duplicate(way, frame, now_s)
     if not double:
-        ways.note(way, frame, now_s)
+        ways.add(way, frame, now_s)
     return double
 
 

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.endpoint import _SHARE_BYTES, ReceiveQueue
+from firmware_py.link.endpoint import MAX_SHARE_BYTES, ReceiveQueue
 
 
 @pytest.fixture
@@ -39,10 +39,10 @@ def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(estimator
         estimator.offer(0, "one", bytes(1000))
     estimator.offer(0, "two", b"b")
     found = taken(estimator)
-    assert sum(len(data) for _, address, data in found if address == "one") <= _SHARE_BYTES
+    assert sum(len(data) for _, address, data in found if address == "one") <= MAX_SHARE_BYTES
     assert (0, "two", b"b") in found[:2]
     assert estimator.dropped == 1001 - len(found)
-    estimator.offer(0, "one", bytes(3 * _SHARE_BYTES))  # one may always wait
+    estimator.offer(0, "one", bytes(3 * MAX_SHARE_BYTES))  # one may always wait
     assert len(taken(estimator)) == 1
 
 
@@ -88,7 +88,7 @@ def test_strangers_share_one_share(estimator):
         estimator.offer(0, number, bytes(1000))
     estimator.offer(0, "one", b"a")
     found = taken(estimator)
-    assert len(found) <= _SHARE_BYTES // 1000 + 1
+    assert len(found) <= MAX_SHARE_BYTES // 1000 + 1
     assert (0, "one", b"a") in found[:2]
 
 

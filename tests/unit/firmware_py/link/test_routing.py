@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link import routing
-from firmware_py.link.routing import BURST, MOVES_S, ROUTES, SEEN_S
+from firmware_py.link.routing import DUPLICATE_S, MAX_BURST, MAX_ROUTES, ROUTE_TIMEOUT_S
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.urls import LinkClass, LinkOptions, Policy
 
@@ -99,7 +99,7 @@ def test_a_frame_that_comes_round_is_not_passed_on_again(net):
     station.send(frame)
     assert other.send(frame) == {}  # by a strange way
     assert station.send(frame) == {}  # by its own: the same bytes
-    rig.now_s += SEEN_S + 0.1
+    rig.now_s += DUPLICATE_S + 0.1
     assert other.send(frame) == {}
     assert companion.say(BEAT)
     assert station.say(BEAT)
@@ -117,7 +117,7 @@ def test_a_sender_that_has_moved_is_believed_after_a_silence(net):
     moved = Voice(rig, "c", 1, 191)
     moved.mav.seq = 50
     assert moved.say(BEAT) == {}
-    rig.now_s += MOVES_S
+    rig.now_s += ROUTE_TIMEOUT_S
     assert set(moved.say(BEAT)) == {"a", "b"}
     assert set(station.say(command(1, 191))) == {"c"}
 
@@ -143,7 +143,7 @@ def test_links_that_route_and_those_who_may_command(net, options, routed):
 def test_a_flood_is_cut_and_reported(net):
     rig, station, _, _ = net()
     passed = station.send(*(station.frame(BEAT) for _ in range(200)))
-    assert len(passed["b"]) <= BURST
+    assert len(passed["b"]) <= MAX_BURST
     rig.tick()
     rig.now_s += 10.0
     assert len(station.say(BEAT, BEAT)["b"]) == 2
@@ -151,9 +151,9 @@ def test_a_flood_is_cut_and_reported(net):
 
 def test_the_table_is_bounded(net):
     rig, _, _, _ = net()
-    for number in range(3 * ROUTES):
+    for number in range(3 * MAX_ROUTES):
         Voice(rig, "a", 2 + number // 200, 1 + number % 200).say(BEAT)
-    assert len(rig.endpoint._router._routes) == ROUTES
+    assert len(rig.endpoint._router._routes) == MAX_ROUTES
 
 
 def test_where_a_message_has_its_target_is_read_as_pymavlink_does():

@@ -9,12 +9,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Stored
 from firmware_py.link.signing import (
-    AHEAD,
     EPOCH_S,
-    LATEST,
+    MAX_NEW_STREAM_LAG,
     MAX_STREAMS,
+    MAX_TIMESTAMP,
     SIGNATURE_BYTES,
-    TOLERANCE,
+    STORED_LEAD,
     UNITS_HZ,
     KeyState,
     LinkSealer,
@@ -78,7 +78,7 @@ MESSAGES = st.one_of(
 
 @given(MESSAGES, st.binary(min_size=32, max_size=32).filter(any), st.integers(0, 255), st.integers(0, 255), st.data())
 def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence, data):
-    timestamp = data.draw(st.integers(NOW + 1, LATEST))
+    timestamp = data.draw(st.integers(NOW + 1, MAX_TIMESTAMP))
     boat = Boat(key=key)
     # Ours: one more than what was used last.
     boat.signing.set_key(key, timestamp - 1)
@@ -104,7 +104,7 @@ def test_a_forged_frame_from_the_far_future_locks_no_peer_out():
     boat, station, forger = Boat(), Station(), Station(OTHER_KEY)
     assert boat.signing.verify(station.ping())
     assert not boat.signing.verify(forger.ping(at=2**48 - 1))
-    assert not boat.signing.verify(forger.ping(at=LATEST))
+    assert not boat.signing.verify(forger.ping(at=MAX_TIMESTAMP))
     assert boat.signing.verify(station.ping())
     # Nor on a stream that has not been heard before, nor by what the boat sends.
     assert boat.signing.verify(Station(link=9).ping())
@@ -131,7 +131,8 @@ def test_streams_of_system_component_and_link_are_apart():
 
 
 @pytest.mark.parametrize(
-    ("behind", "received"), [(0, True), (TOLERANCE, True), (TOLERANCE + 1, False), (-(10**9), True), (NOW, False)]
+    ("behind", "received"),
+    [(0, True), (MAX_NEW_STREAM_LAG, True), (MAX_NEW_STREAM_LAG + 1, False), (-(10**9), True), (NOW, False)],
 )
 def test_a_new_stream_may_begin_a_minute_behind(behind, received):
     assert Boat().signing.verify(Station().ping(at=NOW - behind)) is received
@@ -139,7 +140,7 @@ def test_a_new_stream_may_begin_a_minute_behind(behind, received):
 
 def test_a_timestamp_that_no_clock_shows_is_refused_even_with_the_key():
     boat = Boat()
-    assert not boat.signing.verify(Station().ping(at=LATEST + 1))
+    assert not boat.signing.verify(Station().ping(at=MAX_TIMESTAMP + 1))
     assert boat.signing.verify(Station().ping())
 
 
@@ -159,7 +160,7 @@ def test_ours_go_on_from_the_newest_and_never_back():
     assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # someone whose clock is ahead
     assert stamped() == NOW + 10**8 + 1
     boat.utc_s = 0.0
-    assert boat.restarted().signing.active
+    assert boat.restarted().signing.has_key
     again = LinkSealer(boat.restarted().signing, 1)
     assert int.from_bytes(again.seal(packed, 0)[-12:-6], "little") > NOW + 10**8 + 1
 
@@ -174,7 +175,7 @@ def test_a_clock_that_cannot_be_right_is_none(utc_s):
     assert int.from_bytes(frame[-12:-6], "little") == NOW + 1
     # No peer else is locked out by it either.
     assert boat.signing.verify(Station(link=4).ping())
-    assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + AHEAD))
+    assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + STORED_LEAD))
 
 
 def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
@@ -186,7 +187,7 @@ def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
     again = boat.restarted()
     again.utc_s = boat.utc_s
     assert not any(again.signing.verify(frame) for frame in frames)
-    assert again.signing.verify(station.ping(at=NOW + 119 * UNITS_HZ + AHEAD + 1))
+    assert again.signing.verify(station.ping(at=NOW + 119 * UNITS_HZ + STORED_LEAD + 1))
     assert again.signing.verify(Station(link=8).ping(at=NOW + 119 * UNITS_HZ))
 
 
@@ -232,7 +233,7 @@ def test_the_number_of_streams_is_bounded():
 
 @pytest.mark.parametrize(
     ("key", "timestamp"),
-    [(bytes(32), 5), (bytes(31), 5), (KEY + b"x", 5), (b"", 0), (OTHER_KEY, LATEST + 1), (OTHER_KEY, 2**64 - 1)],
+    [(bytes(32), 5), (bytes(31), 5), (KEY + b"x", 5), (b"", 0), (OTHER_KEY, MAX_TIMESTAMP + 1), (OTHER_KEY, 2**64 - 1)],
 )
 def test_what_is_no_key_or_no_timestamp_changes_nothing(key, timestamp):
     boat = Boat()
@@ -250,11 +251,11 @@ def test_the_same_key_again_does_not_open_the_past():
 
 def test_a_new_key_starts_again_and_the_old_one_is_worth_nothing():
     boat = Boat()
-    assert boat.signing.verify(Station().ping(at=LATEST))  # a clock gone mad
+    assert boat.signing.verify(Station().ping(at=MAX_TIMESTAMP))  # a clock gone mad
     assert not boat.signing.verify(Station(link=4).ping())
     assert boat.signing.set_key(OTHER_KEY, NOW)
     assert boat.both[-1]
-    assert not boat.signing.verify(Station().ping(at=LATEST))
+    assert not boat.signing.verify(Station().ping(at=MAX_TIMESTAMP))
     assert boat.signing.verify(Station(OTHER_KEY).ping())
     assert KEY.hex().encode() not in boat.saved[-1]
 
@@ -262,14 +263,14 @@ def test_a_new_key_starts_again_and_the_old_one_is_worth_nothing():
 def test_without_a_key_nothing_is_signed_or_believed():
     boat = Boat(key=None)
     sealer = LinkSealer(boat.signing, 0)
-    assert (boat.signing.active, sealer.overhead_bytes) == (False, 0)
+    assert (boat.signing.has_key, sealer.overhead_bytes) == (False, 0)
     assert not boat.signing.verify(Station().ping())
     with pytest.raises(ValueError, match="no key"):
         sealer.seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert boat.signing.set_key(KEY, 0)
     assert sealer.overhead_bytes == SIGNATURE_BYTES
     boat.signing.remove_key()
-    assert not boat.signing.active
+    assert not boat.signing.has_key
     assert boat.saved[-1] == b""
     assert boat.both == [True, True]
 
@@ -281,7 +282,7 @@ def test_a_state_that_cannot_be_read_is_refused(content):
     signing = Signing(lambda: UTC_S, lambda *_words, **_more: None)
     assert signing.restore(Stored(content)) is KeyState.LOST
     assert signing.problem == "what is stored is no signing key"
-    assert not signing.active
+    assert not signing.has_key
 
 
 @pytest.mark.parametrize(
@@ -312,7 +313,7 @@ def test_a_record_that_may_be_an_older_one_hears_no_replay_on_a_stream_that_it_l
     heard_later = Station(link=9).ping(at=NOW + UNITS_HZ)
     assert boat.restarted().signing.verify(heard_later)
     again = boat.restarted(damage="signing.key.0 is damaged")
-    assert again.signing.active
+    assert again.signing.has_key
     assert not again.signing.verify(heard_later)
     station = Station(link=9)
     station.mav.decode(bytearray(LinkSealer(again.signing, 0).seal(packed, 0)))
@@ -330,13 +331,13 @@ def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
     digits = b"9" * 15
     boat = Boat(b"key %s\ntimestamp %s\nstream 255 190 1 %s\n" % (KEY.hex().encode(), digits, digits))
     assert boat.signing.set_key(KEY, 0)
-    assert boat.restarted().signing.active
+    assert boat.restarted().signing.has_key
 
 
 def test_a_clock_set_to_the_last_moment_that_is_heard_shuts_no_peer_out():
     """By a false GPS: every frame of its own takes its further, and its stations follow."""
     boat, station = Boat(), Station()
-    boat.utc_s = EPOCH_S + (LATEST - 10) / UNITS_HZ
+    boat.utc_s = EPOCH_S + (MAX_TIMESTAMP - 10) / UNITS_HZ
     sealer, ping = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     for number in range(30):
         station.mav.signing.timestamp = int.from_bytes(sealer.seal(ping, number)[-12:-6], "little")

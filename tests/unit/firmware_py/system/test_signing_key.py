@@ -204,7 +204,7 @@ def test_a_newer_slot_of_another_user_is_ignored(tmp_path):
     save_in_runs(tmp_path, OLD, NEW)
     os.chown(slots(tmp_path)[1], 12345, -1)
     finding = key_of(tmp_path)
-    assert (finding.state, finding.record.key[0], finding.aged) == (PRESENT, 9, True)
+    assert (finding.state, finding.record.key[0], finding.may_be_outdated) == (PRESENT, 9, True)
 
 
 def test_a_vault_does_not_read_files_of_other_users(tmp_path, monkeypatch):

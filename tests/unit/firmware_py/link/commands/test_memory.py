@@ -17,7 +17,7 @@ class Peer:
     """The attributes of a peer that the memory reads."""
 
     def __init__(self, *, quiet=False):
-        self.quiet = quiet
+        self.is_satellite = quiet
         self.path = PeerPath(None, 0.0)
 
 
