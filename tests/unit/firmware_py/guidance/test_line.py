@@ -168,6 +168,13 @@ def test_large_distance_is_accepted_after_several_tries_except_in_a_too_strong_c
     assert arrived == [False] * passes + [not too_strong]
 
 
+@pytest.mark.parametrize(("east_m", "has_arrived"), [(990.0, True), (1010.0, False)])
+def test_distance_that_is_accepted_after_several_tries_is_limited(origin, task_settings, east_m, has_arrived):
+    motion = VesselMotion(origin.at_offset(510.0, east_m), 0.0, 0.4, 0.5, 0.0)
+    _, status = line.update(task_settings, LineState(origin, tries=3), go_to(origin, 500.0, 0.0), motion, 1.0)
+    assert status.arrived is has_arrived
+
+
 numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6)
 angles = st.floats(-math.pi, math.pi)
 anywhere = st.builds(Place, st.floats(-math.pi / 2, math.pi / 2), angles)
