@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.cli.run import EXIT_SHUT_DOWN
-from support.harness import replays
+from support.harness import is_replay_identical
 
 ACCEPTED, REJECTED, FAILED = (
     mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_FAILED,
@@ -98,7 +98,7 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
     names = {path.name for path in (hil.out / "state" / "logs").iterdir()}
     logs = {name for name in names if ".BIN" in name and not name.startswith(".")}  # one is being compressed, perhaps
     assert len(logs) == 2
-    assert replays(hil.out)
+    assert is_replay_identical(hil.out)
 
 
 def test_shut_down_ends_the_process_with_a_code_of_its_own(boot, free_ports, connect):

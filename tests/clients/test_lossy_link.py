@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
-from support.relay import DELAY_S, RETRY_S, check_losses, request_reply
+from support.relay import MAX_DELAY_S, RETRY_S, check_losses, request_reply
 
 SEEDS = [1, 2, 3, 4, 5]
 
@@ -50,7 +50,7 @@ def check_commands(station):
     """Each is acknowledged, retries too; the final mode is the last requested one."""
     for mode in (0, 4, 0, 4, 0, 4):
         # No double of the one before is to come after this one, nor an acknowledgement, which waits for the disk.
-        time.sleep(2.0 * DELAY_S + 0.3)
+        time.sleep(2.0 * MAX_DELAY_S + 0.3)
         while station.link.recv_match(type="COMMAND_ACK") is not None:
             pass
         confirmation = iter(range(256))

@@ -116,7 +116,7 @@ def lines_of(text):
 def test_no_line_of_an_hour_misleads(tmp_path, start_hil, mavproxy):
     hil = start_hil("udpout", scenario="sea", nimble=False, seconds=int(SECONDS) + 600)
     (port,) = unused_ports(["udpin"])
-    with Relay(port, 1, part=0.0, port=hil.ports[0]) as relay:
+    with Relay(port, 1, share=0.0, port=hil.ports[0]) as relay:
         client = mavproxy(port)
         for name, text in FILES.items():
             (tmp_path / "home" / name).write_text(text)

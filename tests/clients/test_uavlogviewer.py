@@ -14,9 +14,9 @@ import pytest
 from pymavlink import mavutil
 
 from firmware_py.common.plan import PlanKind
-from support.graphs import drawn
+from support.graphs import count_graphs
 from support.harness import rambler_hil
-from support.plans import FENCED, item, save_plans
+from support.plans import FENCE_ITEMS, item, save_plans
 
 TOOLS = Path(os.environ.get("UAVLOGVIEWER", "UAVLogViewer")) / "src/tools"
 PARTS = ("paramseeker.js", "datetools.js", "parsers/JsDataflashParser/parser.js", "dataflashDataExtractor.js")
@@ -51,7 +51,7 @@ MISSION = [item(16, 30, 0), item(178, None, None, 0, 0.5), item(16, 30, 80), ite
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     directory = tmp_path_factory.mktemp("sailed")
-    memory = save_plans(directory / "memory", {PlanKind.MISSION: MISSION, PlanKind.FENCE: FENCED})
+    memory = save_plans(directory / "memory", {PlanKind.MISSION: MISSION, PlanKind.FENCE: FENCE_ITEMS})
     words = ["run", "mission", "--mode", "auto", "--state", memory, "--speed", "max", "--seconds", "200"]
     words += ["--with", "supply=20:0.9:30:6:0.22", "--set", "FENCE_ENABLE=1", "LOIT_RADIUS=20"]
     assert rambler_hil(*words, "--out", directory / "out")[0] == 0
@@ -88,7 +88,7 @@ def test_mavexplorer_draws_sixty_of_its_graphs(log):
     reader = mavutil.mavlink_connection(str(log))
     while reader.recv_match() is not None:
         pass
-    graphs, of = drawn(dict(reader.messages))
+    graphs, of = count_graphs(dict(reader.messages))
     reader.close()
     print(f"MAVExplorer draws {graphs} of its {of} expressions")
     assert graphs >= 60

@@ -2,7 +2,7 @@
 
 from firmware_py.common.mode_table import Mode
 from fuzz.target import Target, records
-from support.corners import COMPASSES, FREE, Sail, lawful
+from support.corners import COMPASSES, FREE, CheckedBoat, value_at_share
 
 SECONDS = 12.0
 MODES = tuple(mode.value for mode in Mode)
@@ -18,10 +18,10 @@ def parameter_corners(data):
     for kind, body in records(data[2:]):
         if len(body) >= 2:
             row = FREE[body[0] % len(FREE)]
-            (later if kind & 0x80 else values)[row.name] = lawful(row, body[1] / 255)
+            (later if kind & 0x80 else values)[row.name] = value_at_share(row, body[1] / 255)
     compass, mode = (*data[:2], 0, 0)[:2]
     names = tuple(COMPASSES)
-    Sail(values, names[compass % len(names)], later, MODES[mode % len(MODES)]).run(SECONDS)
+    CheckedBoat(values, names[compass % len(names)], later, MODES[mode % len(MODES)]).run(SECONDS)
 
 
 TARGETS = {"parameter_corners": Target(parameter_corners, max_bytes=128)}

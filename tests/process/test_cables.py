@@ -28,7 +28,7 @@ def make_moored_boat(make_boat):
 )
 def bench(make_moored_boat, request):
     boat = make_moored_boat(*request.param).start()
-    boat.until_written("Mode GUIDED")
+    boat.run_until_written("Mode GUIDED")
     boat.run(1.5)
     yield boat
     assert replays(boat)
@@ -55,17 +55,17 @@ def responds_to_heading(bench):
 
 def test_unplugged_servo_and_compass_recover_and_the_end_centres_the_rudder(bench):
     bench.lines["rudder"].unplug()
-    bench.until_written("Rudder servo not responding")
+    bench.run_until_written("Rudder servo not responding")
     bench.lines["rudder"].plug()
-    bench.until_written("Rudder servo responding again")
+    bench.run_until_written("Rudder servo responding again")
     bench.run(1.0)
     assert responds_to_heading(bench)
     bench.lines["compass"].unplug()
-    bench.until_written("No valid heading: rudder held, then centred")
+    bench.run_until_written("No valid heading: rudder held, then centred")
     bench.run(2.5)
     assert abs(bench.world.shaft.angle_rad()) < math.radians(1.0)
     bench.lines["compass"].plug()
-    bench.until_written("Heading recovered")
+    bench.run_until_written("Heading recovered")
     bench.run(1.5)
     assert abs(bench.world.shaft.angle_rad()) > math.radians(5.0)  # the boat was turned off its goal
     assert bench.process.running()
@@ -79,11 +79,11 @@ def test_unplugged_servo_and_compass_recover_and_the_end_centres_the_rudder(benc
 @pytest.mark.parametrize("compass", ["mti", pytest.param("pni", marks=pytest.mark.proof)])
 def test_compass_power_cut_and_restored(make_moored_boat, compass):
     bench = make_moored_boat(compass, "dynamixel").start()
-    bench.until_written("Mode GUIDED")
+    bench.run_until_written("Mode GUIDED")
     bench.run(1.5)
     bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)
-    bench.until_written("No valid heading: rudder held, then centred")
-    bench.until_written("Heading recovered")
+    bench.run_until_written("No valid heading: rudder held, then centred")
+    bench.run_until_written("Heading recovered")
     assert responds_to_heading(bench)
 
 
@@ -109,14 +109,14 @@ def test_impossible_value_is_not_used(make_moored_boat):
     bodies = b"HEHDT,400.0,T", b"HEHDT,nan,T"
     sentences = [b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body)) for body in bodies]
     bench = make_moored_boat("nmea", "volz").start()
-    bench.until_written("Mode GUIDED")
+    bench.run_until_written("Mode GUIDED")
     bench.run(1.0)
     for sentence in sentences:
         for _ in range(20):
             bench.lines["compass"].write(sentence)
             bench.run(0.1)
     assert abs(bench.world.shaft.angle_rad()) < math.radians(3.0)
-    assert "heading" not in bench.words()
+    assert "heading" not in bench.output_text()
     assert replays(bench)
     (path,) = bench.logs()
     headings_rad = [sample.heading_rad for tick in read_log(path) for sample in tick.inputs.headings]
@@ -130,9 +130,9 @@ def test_ports_that_appear_later_are_used_and_links_without_an_address_have_no_e
     for line in bench.lines.values():
         line.unplug()
     bench.start("--wait", "--link", "udpin:192.0.2.1:14550", "--link", "nmea:udpout:plotter.invalid:10110")
-    bench.until_written("Rudder servo not responding")
+    bench.run_until_written("Rudder servo not responding")
     for line in bench.lines.values():
         line.plug()
-    bench.until_written("Rudder servo responding again")
+    bench.run_until_written("Rudder servo responding again")
     bench.run(1.5)
     assert responds_to_heading(bench)

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from support.asking_station import AskingStation
-from support.debian_tree import BootedTree, why_not
+from support.debian_tree import BootedTree, reason_to_skip
 from support.paths import ROOT
 from support.processes import running_devices, wait_until
 from support.program import unused_ports
+from support.retrying_station import RetryingStation
 
 DIALOUT = 20  # group id in Debian
 HEARTBEAT, CURRENT = 0, 42
@@ -28,7 +28,7 @@ AUTO, ARMED = 10, 128
 SETTINGS = {"BOOT_RESUME": 2, "CLK_SET": 0}
 DROP_IN = "[Service]\nDeviceAllow=char-pts rw\n"
 
-REASON = why_not()
+REASON = reason_to_skip()
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(1800), pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
 
 
@@ -55,7 +55,7 @@ def tree(tmp_path):
 def boat(make_boat, tree, tmp_path):
     """The ground station of a boat whose ports are visible in the tree."""
     boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
-    station = AskingStation()
+    station = RetryingStation()
     port = station.connect()
     with running_devices(boat), station.socket:
         text = (boat.directory / "boat.toml").read_text()

@@ -78,7 +78,7 @@ def boat(make_boat):
     """A boat that steers."""
     boat = make_boat()
     boat.start()
-    boat.under_way(GUIDED)
+    boat.get_under_way(GUIDED)
     return boat
 
 
@@ -94,7 +94,7 @@ def handles_signals(pid):
 
 def run_into_turn(boat):
     boat.start()
-    boat.under_way(GUIDED)
+    boat.get_under_way(GUIDED)
     boat.run(12.0 - boat.now_s)
     assert abs(boat.rudder_deg()) > 15.0
     return boat
@@ -110,7 +110,7 @@ def wait_for_end(boat):
 
 def restart(boat):
     """Order a restart and wait until the program has replaced itself."""
-    boat.order(REBOOT, 1.0, 0.0, 0.0, 0.0, 0.0, FORCE)
+    boat.send_command(REBOOT, 1.0, 0.0, 0.0, 0.0, 0.0, FORCE)
     while boat.server.serve():
         pass
 
@@ -125,7 +125,7 @@ def test_blocked_or_broken_output_does_not_affect_run_restart_and_end(make_boat,
         launch(redirections={"closed": "<&- >&- 2>&-", "full": ">/dev/full 2>/dev/full"}[kind])
     boat = make_boat(goals="0:0")
     boat.start()
-    boat.under_way(GUIDED)
+    boat.get_under_way(GUIDED)
     restart(boat)
     boat.time.begin(boat.board, boat.process)
     boat.run(5.0)
@@ -152,7 +152,7 @@ def test_ignored_signals_neither_end_nor_stop_the_autopilot(boat):
     texts = [text for text in boat.texts_since(0.0) if text.endswith("autopilot continues")]
     names = "SIGHUP SIGTSTP SIGUSR1 SIGUSR2 SIGALRM SIGIO SIGPWR"
     assert [text.split(":")[0] for text in texts] == names.split()
-    assert texts[0] in boat.words()
+    assert texts[0] in boat.output_text()
     boat.finish()
 
 
@@ -164,7 +164,7 @@ def test_last_tick_has_the_reason_of_the_end_unless_killed(boat):
     boat.run(3.0)
     (*_, log) = boat.finish()
     assert text.encode() in log.read_bytes()
-    assert text in boat.words()
+    assert text in boat.output_text()
     assert boat.texts_since(0.0)[-1] == text
 
 

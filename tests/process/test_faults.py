@@ -52,7 +52,7 @@ class Drill:
 
 def check_rudder_held_then_centred(bench, t0_s):
     """The last rudder angle is held for CTL_HOLD_S, then the rudder is centred."""
-    angles = [angle_deg for t_s, angle_deg in bench.trail if t0_s + 1.5 < t_s < t0_s + 9.0]
+    angles = [angle_deg for t_s, angle_deg in bench.rudder_history if t0_s + 1.5 < t_s < t0_s + 9.0]
     assert min(angles) > 15.0
     assert max(angles) - min(angles) < 1.0
     assert abs(bench.rudder_deg()) < 0.5
@@ -67,7 +67,7 @@ def check_course_fallback(bench, _t0_s):
 
 def check_undisturbed(bench, t0_s):
     """Rudder and heading do not change."""
-    assert bench.widest_deg(t0_s) < 12.0
+    assert bench.max_rudder_deg(t0_s) < 12.0
     assert abs(bench.heading_error_deg()) < 10.0
 
 
@@ -163,7 +163,7 @@ def restart_with_damaged_key(bench):
 
 
 def check_key_problem_reported(bench, _t0_s):
-    assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in bench.words()
+    assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in bench.output_text()
 
 
 def wait_for_breach(bench):
@@ -282,7 +282,7 @@ DRILLS = (
     ),
     Drill(
         Fault.MISSION_UNUSABLE, lambda bench: bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
-        3.0, lambda bench, _t0_s: check_mode("AUTO")(bench), lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)),
+        3.0, lambda bench, _t0_s: check_mode("AUTO")(bench), lambda bench: bench.send_command(SET_MODE, 1.0, float(GUIDED)),
         2.0, check_mode("GUIDED"), start_s=10.0, fault_time_s=1.0,
         options={"mode": AUTO, "plans": (endless_mission(),), "goals": ""},
     ),
@@ -304,7 +304,7 @@ DRILLS = (
         options={"goals": TURN, "change": lambda scenario: with_disturbances(scenario, "kt=1:3,delay=8")},
     ),
     Drill(
-        Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0,
+        Fault.CURRENT_STRONG, lambda bench: bench.send_command(SET_MODE, 1.0, float(LOITER)), 1800.0,
         check_heads_into_current, no_change, 0.0,
         options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
     ),
@@ -323,7 +323,7 @@ def start_drill(fault_bench, drill, tmp_path):
     bench = fault_bench(**options)
     if no_fix:
         bench.gps.fix = False
-    bench.under_way(options.get("mode", GUIDED))
+    bench.get_under_way(options.get("mode", GUIDED))
     if bench.now_s < drill.start_s:
         bench.run(drill.start_s - bench.now_s)
     return bench
@@ -357,7 +357,7 @@ def test_fault_is_reported_acted_on_and_cleared(fault_bench, drill, tmp_path):
     bench = start_drill(fault_bench, drill, tmp_path)
     t0_s = 0.0 if drill.provoke is no_change else bench.now_s
     t0_s = drill.provoke(bench) or t0_s
-    bench.until(row.text, drill.max_report_s, since_s=t0_s)
+    bench.run_until_text(row.text, drill.max_report_s, since_s=t0_s)
     if bench.now_s < t0_s + drill.fault_time_s:
         bench.run(t0_s + drill.fault_time_s - bench.now_s)
     drill.check(bench, t0_s)
@@ -365,7 +365,7 @@ def test_fault_is_reported_acted_on_and_cleared(fault_bench, drill, tmp_path):
         return
     t1_s = t0_s if drill.repair is no_change else bench.now_s
     drill.repair(bench)
-    bench.until(row.recovery, drill.max_recovery_s, since_s=t1_s)
+    bench.run_until_text(row.recovery, drill.max_recovery_s, since_s=t1_s)
     drill.check_after(bench)
 
 
@@ -373,16 +373,16 @@ def test_clock_step_of_a_year_is_reported_and_does_not_affect_control(fault_benc
     row, trails = TABLE[Fault.CLOCK_STEPPED], []
     for name, step_s in (("plain", 0.0), ("stepped", 365.0 * 86400.0)):
         bench = fault_bench(name=name, goals=TURN, scenario="sea")
-        bench.under_way(GUIDED)
+        bench.get_under_way(GUIDED)
         bench.run(14.0 - bench.now_s)
         if step_s:
             bench.server.step_utc(step_s)
-            bench.until(row.text, 1.0)
-            bench.until(row.recovery, 11.0)
+            bench.run_until_text(row.text, 1.0)
+            bench.run_until_text(row.recovery, 11.0)
         bench.run(27.0 - bench.now_s)
-        trails.append(bench.trail)
+        trails.append(bench.rudder_history)
     assert trails[0] == trails[1]
-    assert bench.widest_deg(14.0) > 10.0
+    assert bench.max_rudder_deg(14.0) > 10.0
 
 
 @pytest.mark.parametrize("compass", ["nmea", pytest.param("pni", marks=pytest.mark.proof)])
@@ -390,24 +390,24 @@ def test_rudder_is_centred_without_a_heading_even_with_a_long_hold_time(fault_be
     """The compass freezes in a turn, with the rudder deflected."""
     bench = fault_bench(goals=TURN, compass=compass, settings={"CTL_HOLD_S": 600})
     bench.gps.fix = False
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(14.0 - bench.now_s)
     bench.compass.frozen = True
     frozen_s = bench.now_s
-    bench.until("No valid heading", 33.0)
+    bench.run_until_text("No valid heading", 33.0)
     assert TABLE[Fault.COMPASS_FROZEN].text in bench.texts_since(frozen_s)
     assert abs(bench.rudder_deg()) > 10.0
     bench.run(31.0)
     assert abs(bench.rudder_deg()) < 0.5
     bench.compass.frozen = False
-    bench.until("Heading recovered", 15.0)  # the estimate had no update meanwhile
+    bench.run_until_text("Heading recovered", 15.0)  # the estimate had no update meanwhile
     bench.run(5.0)
     assert abs(bench.rudder_deg()) > 1.0
 
 
 def test_run_with_many_faults_replays_bit_for_bit(fault_bench):
     bench = fault_bench(goals=TURN, settings={"FS_GCS_S": 5, "FS_GCS_ACT": 3, "FS_RESUME": 1})
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(13.0 - bench.now_s)
     bench.world.jam(math.radians(20.0))
     bench.server.step_utc(-365.0 * 86400.0)
@@ -428,7 +428,7 @@ def test_run_with_many_faults_replays_bit_for_bit(fault_bench):
 @pytest.mark.proof
 def test_servo_is_released_while_the_command_is_constant_and_engages_before_it_moves(fault_bench):
     bench = fault_bench(scenario="calm", settings={"RUD_REST_S": 3})
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(240.0 - bench.now_s)  # until the wave power has converged
     torque = []
     while bench.now_s < 280.0 or torque[-1] != 0:
@@ -436,18 +436,18 @@ def test_servo_is_released_while_the_command_is_constant_and_engages_before_it_m
         torque.append(bench.servo.motor._table[64])
     assert torque.count(0) > 0.4 * len(torque)
     assert abs(bench.heading_error_deg()) < 2.0
-    bench.order(CHANGE_HEADING, 1.0, 60.0)
+    bench.send_command(CHANGE_HEADING, 1.0, 60.0)
     t0_s = bench.now_s
     bench.run(4.0)
-    assert bench.widest_deg(t0_s) > 10.0
+    assert bench.max_rudder_deg(t0_s) > 10.0
     assert not any("power" in text or "jammed" in text for text in bench.texts_since(0.0))
 
 
 def test_volz_servo_keeps_steering_when_rest_is_set(fault_bench):
     bench = fault_bench(scenario="calm", servo="volz", goals="0:0,20:60", settings={"RUD_REST_S": 3})
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(25.0 - bench.now_s)
-    assert bench.widest_deg(20.0) > 10.0
+    assert bench.max_rudder_deg(20.0) > 10.0
     assert bench.texts_since(3.0) == []
 
 
@@ -455,12 +455,12 @@ def test_volz_servo_keeps_steering_when_rest_is_set(fault_bench):
 @pytest.mark.parametrize("compass", ["pni", "nmea"])
 def test_jam_at_20_degrees_is_detected_on_the_volz_servo(fault_bench, compass):
     bench = fault_bench(servo="volz", compass=compass, goals=TURN)
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(13.0 - bench.now_s)
     bench.world.jam(math.radians(-20.0))
-    bench.until("Rudder jammed", 2.5)
+    bench.run_until_text("Rudder jammed", 2.5)
     bench.world.free()
-    bench.until("Rudder no longer jammed", 12.0)
+    bench.run_until_text("Rudder no longer jammed", 12.0)
     check_rudder_follows(bench)
 
 
@@ -473,14 +473,14 @@ def test_jam_at_20_degrees_is_detected_on_the_volz_servo(fault_bench, compass):
 )
 def test_slow_compass_raises_no_fault_and_its_loss_is_detected(fault_bench, rate_hz, seconds, max_detection_s):
     bench = fault_bench(compass_rate_hz=rate_hz)
-    bench.under_way(GUIDED)
+    bench.get_under_way(GUIDED)
     bench.run(seconds)
     assert abs(bench.heading_error_deg()) < 3.0
     texts = bench.texts_since(0.0)
     assert not any(text.startswith((row.text, "Heading lost")) for text in texts for row in TABLE.values())
     bench.compass.silent = True
-    bench.until(TABLE[Fault.COMPASS_SILENT].text, max_detection_s)
+    bench.run_until_text(TABLE[Fault.COMPASS_SILENT].text, max_detection_s)
     bench.compass.silent = False
-    bench.until(TABLE[Fault.COMPASS_SILENT].recovery, 6.0)
+    bench.run_until_text(TABLE[Fault.COMPASS_SILENT].recovery, 6.0)
     logs = bench.finish()
     assert all(main(["replay", str(log)]) == 0 for log in logs)

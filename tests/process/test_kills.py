@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hil.sim.process import AutopilotProcess
-from support.asking_station import AskingStation, answered
+from support.retrying_station import RetryingStation, send_once
 from support.processes import running_devices
 from support.station import off_deg, yaw_deg
 
@@ -66,7 +66,7 @@ def command_order(name, number, *values, **changes):
     """Return a command that changes these fields of the state."""
     return Order(
         name,
-        lambda station: answered(station, station.command(number, *values), number),
+        lambda station: send_once(station, station.command(number, *values), number),
         lambda expected: replace(expected, **changes),
     )
 
@@ -132,7 +132,7 @@ def set_home(rng, _expected):
     message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *position, 0.0)
     return Order(
         f"home {position}",
-        lambda station: answered(station, [message], SET_HOME),
+        lambda station: send_once(station, [message], SET_HOME),
         lambda expected: replace(expected, home=position),
     )
 
@@ -169,7 +169,7 @@ class Voyage:
     """A boat whose autopilot is killed repeatedly, and the state that its station expects."""
 
     boat: object
-    station: AskingStation
+    station: RetryingStation
     rng: random.Random
     expected: ExpectedState = field(default_factory=ExpectedState)
     possible: tuple[ExpectedState, ...] = ()
@@ -187,7 +187,7 @@ class Voyage:
         url = f"udpin:127.0.0.1:{self.station.connect()}"
         words = ["run", str(self.boat._vehicle), "--state", str(self.boat.state), "--link", url]
         self.process = AutopilotProcess(words, self.boat.directory / "firmware.log")
-        self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
+        self.station.end_reason = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
         actual = self.read_state()
         fitting = [expected for expected in self.possible or (self.expected,) if expected.fits(actual)]
         assert fitting, f"kill {self.kills}: started with\n{actual}\nexpected one of\n{self.possible}\n{self.orders}"
@@ -267,7 +267,7 @@ def common_state(first, second):
 @pytest.fixture
 def voyage(make_boat):
     boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
-    voyage = Voyage(boat, AskingStation(), random.Random(20180825))
+    voyage = Voyage(boat, RetryingStation(), random.Random(20180825))
     with running_devices(boat):
         try:
             yield voyage

@@ -11,9 +11,9 @@ from firmware_py.log.ardupilot_state import FENCE_OFF, FENCE_ON
 from firmware_py.log.disk import log_files
 from hil.ship import scenarios
 from hil.sim.truth import read
-from support.harness import rambler_hil, replays
+from support.harness import is_replay_identical, rambler_hil
 from support.paths import REPLAY
-from support.plans import FENCED, item, mission_file, save_plans
+from support.plans import FENCE_ITEMS, item, mission_file, save_plans
 
 AUTO = 10
 
@@ -29,13 +29,13 @@ def test_mission_resumes_after_a_kill(make_boat):
     )
     boat.start().run(108.0)
     boat.kill()
-    assert "Mission: item 2" in boat.words()
-    assert "Mission: item 3" not in boat.words()
+    assert "Mission: item 2" in boat.output_text()
+    assert "Mission: item 3" not in boat.output_text()
     boat.start().run(112.0)
     boat.finish()
-    assert "Resumed AUTO" in boat.words()
-    assert "Mission: item 1" not in boat.words()
-    assert "Mission: item 3" in boat.words()
+    assert "Resumed AUTO" in boat.output_text()
+    assert "Mission: item 1" not in boat.output_text()
+    assert "Mission: item 3" in boat.output_text()
     # The boat stays on the leg, without a new line from the position of the kill.
     track_after_kill = boat.track(123.0)
     on_leg = track_after_kill[: np.argmax(track_after_kill[:, 2] > 70.0)]
@@ -62,7 +62,7 @@ def test_autopilot_steers_at_once_after_a_kill_on_a_mission(make_boat):
     boat.finish()
     output = [
         track_after_kill.split(maxsplit=2)[2]
-        for track_after_kill in boat.words().splitlines()
+        for track_after_kill in boat.output_text().splitlines()
         if track_after_kill.startswith("  ")
     ]
     assert output[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
@@ -98,7 +98,7 @@ EVERY_KIND = [
 
 @pytest.mark.proof
 def test_mission_with_every_kind_of_item_is_completed(tmp_path):
-    plans = {PlanKind.MISSION: EVERY_KIND, PlanKind.FENCE: FENCED[:4]}
+    plans = {PlanKind.MISSION: EVERY_KIND, PlanKind.FENCE: FENCE_ITEMS[:4]}
     words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans)]
     words += ["--set", "LOIT_RADIUS=60", "FENCE_ENABLE=1"]
     code, _, errors = rambler_hil(*words, "--seconds", "4000", "--speed", "max", "--out", tmp_path / "out")
@@ -111,7 +111,7 @@ def test_mission_with_every_kind_of_item_is_completed(tmp_path):
     truth = read(tmp_path / "out" / "truth.csv")
     is_last = truth.time_s > truth.time_s[-1] - 600.0
     assert np.mean(np.hypot(truth.north_m[is_last], truth.east_m[is_last]) < 65.0) > 0.95
-    assert replays(tmp_path / "out")
+    assert is_replay_identical(tmp_path / "out")
 
 
 def fence_events(out):

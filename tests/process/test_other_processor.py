@@ -88,7 +88,7 @@ def test_another_processor_recomputes_logs_to_the_same_rudder(logs_of_runs, tree
             folder_in_tree / "decisions.py", folder_in_tree / "log.BIN", PYTHONPATH=folder_in_tree / "site"
         )
         assert process.returncode == 0, process.stderr
-        agreement = decisions.agreement(list(decisions.recomputed(path)), decisions.read(process.stdout))
+        agreement = decisions.compare(list(decisions.recompute(path)), decisions.read(process.stdout))
         print(f"{MACHINE}: {name}: {agreement}")
-        assert agreement.largest_rad <= decisions.BOUND_RAD
+        assert agreement.max_difference_rad <= decisions.MAX_DIFFERENCE_RAD
         assert agreement.ticks >= (MIN_TICKS if name in logs_of_runs else 1)

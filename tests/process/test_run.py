@@ -12,7 +12,7 @@ import pytest
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import read_log
 from hil.sim.truth import COLUMNS, FLOAT_COLUMN, read
-from support.harness import events_of, rambler_hil, replays, start_rambler_hil
+from support.harness import is_replay_identical, rambler_hil, read_events, start_rambler_hil
 from support.processes import autopilots, wait_until
 
 # test_tank_proof.py has more seeds and combinations of the other devices.
@@ -52,7 +52,7 @@ def test_heading_keeping_in_the_tank_meets_the_limits(tmp_path, seed, compass, s
     truth = read(tmp_path / "truth.csv")
     assert truth.time_s[-1] == 140.0
     assert abs(truth.rudder_rad).max() < 0.53
-    assert replays(tmp_path)
+    assert is_replay_identical(tmp_path)
     assert "overshoot" in output
     assert str(tmp_path / "report.html") in output
     assert (tmp_path / "report.html").stat().st_size > 50_000
@@ -85,12 +85,12 @@ def test_two_runs_with_a_seed_are_identical_at_any_speed_and_another_seed_differ
     assert summaries[0]["with"].startswith("float=0.4:0.6,leeway=5:4:300,")
     logs = [(tmp_path / name / "state/logs/00000001.BIN").read_bytes() for name in "ab"]
     assert logs[0] == logs[1]
-    assert replays(tmp_path / "a")
+    assert is_replay_identical(tmp_path / "a")
 
 
 def assert_ten_readers_get_the_whole_stream(port):
     with ThreadPoolExecutor(10) as readers:
-        streams = list(readers.map(events_of, [port] * 10))
+        streams = list(readers.map(read_events, [port] * 10))
     assert all(events.count(b"event: new") > 5 and events.rstrip().endswith(b"{}") for events in streams)
 
 
@@ -107,7 +107,7 @@ def test_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo):
     assert summary["speed_ratio"] == pytest.approx(1.0, abs=0.05)
     assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
     assert "lateness of ticks" in output
-    assert replays(tmp_path)
+    assert is_replay_identical(tmp_path)
     (log,) = log_files(tmp_path / "state" / "logs").values()
     ticks = list(read_log(log))
     periods = round(10.0 * (ticks[-1].inputs.tick.t_s - ticks[0].inputs.tick.t_s))

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from support.asking_station import ACCEPTED, REQUEST
 from support.paths import ROOT
+from support.retrying_station import ACCEPTED, REQUEST
 from support.service_boat import HEARTBEAT, ITEMS, SET_CURRENT
 from support.service_manager import seconds
 
@@ -46,17 +46,17 @@ def sail_and_disturb(make_service, disturb, times):
     rng = random.Random(20180825)
     restart_s, outage_s, detection_s = [], [], []
     with make_service() as service:
-        service.under_way()
+        service.get_under_way()
         for count in range(1, times + 1):
             if rng.random() < 0.5:
                 service.go_to(rng.randrange(1, 1 + len(ITEMS)))
             time.sleep(rng.uniform(0.0, 1.0))
             disturbed_s = time.monotonic()
-            previous_run, next_run, frame_s = service.disturbed(disturb)
+            previous_run, next_run, frame_s = service.disturb_run(disturb)
             restart_s.append(frame_s - next_run.begun_s)
             outage_s.append(frame_s - disturbed_s)
             detection_s.append((previous_run.alarm_s or previous_run.ended_s) - disturbed_s)
-            service.assert_as_before()
+            service.assert_state_kept()
             endings = service.endings()
             reason = "killed" if disturb is kill else "watchdog"
             assert (endings.counts[reason], endings.last[-1].why) == (count, reason)
@@ -113,7 +113,7 @@ def test_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_servi
     os.mkfifo(hangs / "pipe")
     program = (sys.executable, Path(ROOT) / "tests/support/hanging.py")
     with make_service(program=program, environment={"HANG_DIRECTORY": str(hangs)}) as service:
-        service.under_way()
+        service.get_under_way()
         (hangs / "disk").touch()
         disturbed_s = time.monotonic()
         request_storage(service)
@@ -125,7 +125,7 @@ def test_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_servi
         os.close(os.open(hangs / "pipe", os.O_WRONLY))
         wait_for_text(service.station, STORAGE_RECOVERED)
         assert len(service.manager.runs) == 1
-        service.assert_as_before()
+        service.assert_state_kept()
     longest_s = max(
         next_run - previous_run for previous_run, next_run in pairwise(service.goals.times_s) if next_run > disturbed_s
     )
@@ -137,7 +137,7 @@ def hang_and_restart(make_service, tmp_path, hanging_part):
     (hangs := tmp_path / "hangs").mkdir()
     program = (sys.executable, Path(ROOT) / "tests/support/hanging.py")
     with make_service(program=program, environment={"HANG_DIRECTORY": str(hangs)}) as service:
-        service.under_way()
+        service.get_under_way()
         time.sleep(2.0)
 
         def hang(_pid):
@@ -146,8 +146,8 @@ def hang_and_restart(make_service, tmp_path, hanging_part):
                 request_storage(service)
 
         disturbed_s = time.monotonic()
-        previous_run, next_run, frame_s = service.disturbed(hang)
-        service.assert_as_before()
+        previous_run, next_run, frame_s = service.disturb_run(hang)
+        service.assert_state_kept()
         ending = service.endings().last[-1]
     detection_s, restart_s = (previous_run.alarm_s or previous_run.ended_s) - disturbed_s, frame_s - next_run.begun_s
     print(

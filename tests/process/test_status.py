@@ -41,7 +41,7 @@ def run_until(boat, is_expected, *options):
         if is_expected(output):
             return code, output
         boat.run(1.0)
-    pytest.fail(f"{output}\n{boat.words()}")
+    pytest.fail(f"{output}\n{boat.output_text()}")
     return None
 
 
@@ -56,7 +56,7 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
         ground_station.bind(("127.0.0.1", 0))
         url = f"udpout:127.0.0.1:{ground_station.getsockname()[1]}"
         boat.start("--link", url)
-        boat.under_way(GUIDED)
+        boat.get_under_way(GUIDED)
         boat.run(4.0)
         code, status = status_of(boat, "--json")
     assert code == 0

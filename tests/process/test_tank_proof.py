@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from support.harness import rambler_hil, replays
+from support.harness import is_replay_identical, rambler_hil
 
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(900)]
 
@@ -31,4 +31,4 @@ def test_tank_task_meets_the_error_limits(tmp_path, figures, name, seed, compass
     for goal in summary["goals"]:
         assert goal["p95_error_deg"] <= 3.0
         assert goal["overshoot_deg"] <= 3.0
-    assert replays(tmp_path)
+    assert is_replay_identical(tmp_path)

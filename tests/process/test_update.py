@@ -20,7 +20,7 @@ import pytest
 from firmware_py.install.bundle import unpack
 from firmware_py.install.environment import Environment, create
 from support.paths import ROOT
-from support.small_bundle import bundle_maker, small_bundle
+from support.small_bundle import load_bundle_maker, small_bundle
 
 KILLS = int(os.environ.get("UPDATE_KILLS", "10"))
 TYPICAL_UPDATE_S = 40.0  # typical time until the trial, on two busy cores
@@ -78,7 +78,7 @@ def make_other_version(folder, whole_bundle_path, version, change):
     change(tree)
     unpack(whole_bundle_path, wheels := folder / f"wheels-{version}", None)
     next(wheels.glob("rambler_autopilot-*.whl")).unlink()
-    maker = bundle_maker()
+    maker = load_bundle_maker()
     maker.run_pip("wheel", "--no-deps", "--wheel-dir", wheels, tree)
     wheel = next(wheels.glob("rambler_autopilot-*.whl"))
     own_line = f"{maker.OWN_PACKAGE}=={version} --hash=sha256:{maker.sha256_of(wheel.read_bytes())}\n"
@@ -142,9 +142,9 @@ class UpdatedBoat:
     def assert_steers(self):
         """Check that the boat continues its mission, also after a kill."""
         self.service.goals.first_after(time.monotonic())
-        self.service.assert_as_before()
-        self.service.disturbed(lambda pid: os.kill(pid, signal.SIGKILL))
-        self.service.assert_as_before()
+        self.service.assert_state_kept()
+        self.service.disturb_run(lambda pid: os.kill(pid, signal.SIGKILL))
+        self.service.assert_state_kept()
 
 
 CLEAN_ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
@@ -168,7 +168,7 @@ def updated_boat(make_service, whole_bundle, tmp_path):
         create(environment, tmp_path / "first", bundle, lock.fileno())
     (directory / "bin/rambler").symlink_to(environment.program)
     with make_service(program=(directory / "bin/rambler",), environment={"PYTHONPATH": ""}) as service:
-        service.under_way()
+        service.get_under_way()
         yield UpdatedBoat(service, directory)
 
 

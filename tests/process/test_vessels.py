@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import pytest
 
 from hil.bench.machine import children_of, memory_of
-from support.harness import rambler_hil, replays, start_rambler_hil
+from support.harness import is_replay_identical, rambler_hil, start_rambler_hil
 
 RUN_WITH_VESSEL = ("run", "tank", "--speed", "max", "--seconds", "40", "--goal", "0:0", "--with", "vessels=crossing:0")
 
@@ -26,7 +26,7 @@ def test_crossing_vessel_is_reported_avoided_and_replayed(tmp_path):
     assert vessel["name"] == "CROSSING LADY"
     assert vessel["closest_m"] > 10_000.0
     assert vessel["at_s"] > 38.0  # it approaches until the end
-    assert replays(tmp_path)
+    assert is_replay_identical(tmp_path)
 
 
 @pytest.mark.proof

@@ -19,9 +19,9 @@ from firmware_py.view.server import Hub, ViewServer
 from hil.__main__ import main
 from hil.sim.truth import read
 from support.browser import Browser
-from support.harness import events_of, rambler_hil, start_rambler_hil
+from support.harness import read_events, rambler_hil, start_rambler_hil
 from support.paths import REPLAY
-from support.plans import FENCED, item, save_plans
+from support.plans import FENCE_ITEMS, item, save_plans
 
 LOW_BATTERY = (
     "--with",
@@ -53,7 +53,7 @@ def shared_browser(tmp_path_factory):
 def browser(shared_browser):
     """The shared browser with an empty page; a start would take a second."""
     shared_browser.open("about:blank")
-    shared_browser.complaints.clear()
+    shared_browser.errors.clear()
     shared_browser.requests.clear()
     return shared_browser
 
@@ -73,7 +73,7 @@ def assert_success(process):
 def assert_readable(browser, url):
     """Check the requests of a page, its width at 400 and 1200 px, and its contrast in both colour schemes."""
     for width, dark in ((1200, True), (400, False)):
-        browser.look(width, 900, dark=dark)
+        browser.set_screen(width, 900, dark=dark)
         contrasts = browser.contrasts()
         assert len(contrasts) > 60
         assert contrasts[0][0] >= 4.5, contrasts[0]
@@ -88,14 +88,14 @@ def test_live_page_and_report_of_a_mission(tmp_path, browser):
     """The live page shows the true heading and faults; the report shows plan and figures and can be zoomed."""
     plans = {
         PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
-        PlanKind.FENCE: FENCED,
+        PlanKind.FENCE: FENCE_ITEMS,
         PlanKind.RALLY: [item(5100, 0, 50)],
     }
     out = tmp_path / "run"
     words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans), "--speed", "30"]
     words += ["--seconds", "120", *LOW_BATTERY, "FENCE_ENABLE=1", "WP_RADIUS=10"]
     process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
-    browser.look(400, 900)
+    browser.set_screen(400, 900)
     browser.open(address := read_address(process))
     browser.wait_for("document.querySelectorAll('path.line').length > 5")
     samples = []
@@ -115,7 +115,7 @@ def test_live_page_and_report_of_a_mission(tmp_path, browser):
     true_deg = np.degrees(np.interp([sample[0] for sample in samples], truth.time_s, truth.heading_low_rad)) % 360.0
     page_deg = np.array([float(text.rstrip("\u00b0")) for _, text in samples])
     assert np.abs((page_deg - true_deg + 180.0) % 360.0 - 180.0).max() < 0.1
-    assert browser.complaints == []
+    assert browser.errors == []
     browser.open((out / "report.html").as_uri())
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
@@ -136,7 +136,7 @@ def test_live_page_and_report_of_a_mission(tmp_path, browser):
     zoomed_times_s = browser.value(AXIS_TIMES)
     assert all_times_s[0] <= zoomed_times_s[0] < zoomed_times_s[-1] <= all_times_s[-1]
     assert zoomed_times_s[-1] - zoomed_times_s[0] < 0.7 * (all_times_s[-1] - all_times_s[0])
-    assert browser.complaints == []
+    assert browser.errors == []
 
 
 def test_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
@@ -154,13 +154,13 @@ def test_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
     rows = [SAILING.pack(60.0 * n, minute) + UPKEEP.pack(60.0 * n, minute) for n, minute in enumerate(minutes)]
     (logs / "thin" / "00000001.BIN").write_bytes(HEAD + b"".join(rows))
     assert rambler_hil("report", tmp_path, "--out", tmp_path / "page.html")[0] == 0
-    browser.look(1280, 900)
+    browser.set_screen(1280, 900)
     browser.open((tmp_path / "page.html").as_uri())
     assert browser.value("document.querySelectorAll('svg.time').length") == 2
     assert browser.value("[...document.querySelectorAll('svg.time')].every((one) => one.querySelector('path.line'))")
     browser.value("[...document.querySelectorAll('tr[data-time]')].pop().click()")
     assert browser.value("document.querySelectorAll('.readout')[0].textContent").endswith(browser.value(LAST_TEXT))
-    assert browser.complaints == []
+    assert browser.errors == []
 
 
 def start_server(history, port=0):
@@ -253,7 +253,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     browser.wait_for("document.querySelectorAll('.faults button').length === 2")
     assert browser.value("[...document.querySelectorAll('.faults button')].map((one) => one.disabled)") == [True, False]
     for width in (400, 1280):
-        browser.look(width, 900)
+        browser.set_screen(width, 900)
         assert browser.contrasts()[0][0] >= 4.5, browser.contrasts()[0]
         assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.value(CLIPPED) == 0
@@ -264,7 +264,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     hub.publish(lambda: (feed.poll(), history.epoch))
     browser.wait_for("document.querySelector('#live').classList.contains('stale')")
     assert "No report from the autopilot for" in text("document.querySelector('.banner')")
-    assert browser.complaints == []
+    assert browser.errors == []
     hub.close(is_over=True)
     end_server(server)
 
@@ -308,7 +308,7 @@ def test_ten_readers_delay_no_tick(tmp_path):
         words = ["run", "sea", "--seconds", "120", "--goal", "0:30", "--view", "127.0.0.1:0", "--out", out]
         with start_rambler_hil(*words) as process:
             port = int(read_address(process).rstrip("/").rpartition(":")[2])
-            threads = [threading.Thread(target=events_of, args=(port,)) for _ in range(readers)]
+            threads = [threading.Thread(target=read_events, args=(port,)) for _ in range(readers)]
             for thread in threads:
                 thread.start()
             assert process.wait(200.0) == 0
@@ -334,4 +334,4 @@ def test_page_of_an_estimate(tmp_path, browser):
     assert fault["name"] in browser.value("document.querySelector('tr[data-time]').innerText")
     browser.value("document.querySelector('tr[data-time]').click()")
     assert browser.value("document.querySelector('.readout').textContent").endswith(fault["name"])
-    assert browser.complaints == []
+    assert browser.errors == []

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from firmware_py.common.mode_table import Mode
-from support.corners import COMPASSES, FREE, GUIDED, Sail, lawful
+from support.corners import COMPASSES, FREE, GUIDED, CheckedBoat, value_at_share
 
 SECONDS = 15.0
 GROUP_SIZE = 5
@@ -26,8 +26,8 @@ STEERING_PARAMETERS = tuple(
 
 @pytest.mark.parametrize(("values", "compass"), FORMER_FAILURES)
 def test_extreme_models_do_not_fail(values, compass):
-    Sail(values, compass).run(SECONDS)
-    Sail({}, compass, later=values).run(SECONDS)
+    CheckedBoat(values, compass).run(SECONDS)
+    CheckedBoat({}, compass, later=values).run(SECONDS)
 
 
 def parameter_groups(seed):
@@ -35,7 +35,7 @@ def parameter_groups(seed):
     rng = random.Random(seed)
     rows, compasses = rng.sample(FREE, len(FREE)), rng.sample(sorted(COMPASSES), len(COMPASSES))
     for number, start in enumerate(range(0, len(rows), GROUP_SIZE)):
-        values = {row.name: lawful(row, rng.choice((0.0, 1.0))) for row in rows[start : start + GROUP_SIZE]}
+        values = {row.name: value_at_share(row, rng.choice((0.0, 1.0))) for row in rows[start : start + GROUP_SIZE]}
         mode = GUIDED if number % 3 else rng.choice(list(Mode)).value
         yield values, compasses[number % len(compasses)], mode, number % 4 == 0
 
@@ -43,7 +43,7 @@ def parameter_groups(seed):
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.proof) for seed in range(2, 30))])
 def test_parameters_at_the_ends_of_their_ranges_do_not_fail(seed):
     for values, compass, mode, is_set_later in parameter_groups(seed):
-        Sail({} if is_set_later else values, compass, values if is_set_later else (), mode).run(SECONDS)
+        CheckedBoat({} if is_set_later else values, compass, values if is_set_later else (), mode).run(SECONDS)
 
 
 @pytest.mark.proof
@@ -52,4 +52,6 @@ def test_pairs_of_steering_parameters_do_not_fail(compass):
     rng = random.Random(compass)
     for _ in range(150):
         rows = rng.sample(STEERING_PARAMETERS, 2)
-        Sail({row.name: lawful(row, rng.choice((0.0, 1.0, rng.random()))) for row in rows}, compass).run(SECONDS)
+        CheckedBoat({row.name: value_at_share(row, rng.choice((0.0, 1.0, rng.random()))) for row in rows}, compass).run(
+            SECONDS
+        )

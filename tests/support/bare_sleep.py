@@ -1,7 +1,7 @@
-"""A process that sleeps to absolute deadlines and does nothing else: the limit of punctuality on this machine.
+"""A process that only sleeps until absolute deadlines: the smallest lateness on this machine.
 
-`python bare_sleep.py RATE_HZ TICKS [BUSY]` prints how late each tick was, in seconds, as a JSON list. With BUSY it
-computes for that fraction of each period: a shared machine interrupts a busy process more often.
+`python bare_sleep.py RATE_HZ TICKS BUSY` prints the lateness of each tick in seconds, as a JSON list. It computes for
+the fraction BUSY of each period, because a shared machine interrupts a busy process more often.
 """
 
 import json
@@ -14,12 +14,12 @@ from hil.bench.machine import autopilot_scheduling
 
 
 def command(rate_hz, ticks, busy=0.0):
-    """The command line of the process."""
+    """Return the command line of the process."""
     return [sys.executable, __file__, str(rate_hz), str(ticks), str(busy)]
 
 
-def lateness_s(rate_hz, ticks, busy):
-    """Sleep from deadline to deadline, after a busy part of the period, and return how late each sleep ended."""
+def measure_lateness_s(rate_hz, ticks, busy):
+    """Sleep from deadline to deadline, after a busy part of each period; return the lateness of each tick."""
     period_s = 1.0 / rate_hz
     late_s = [0.0] * ticks
     deadline_s = time.monotonic()
@@ -51,5 +51,5 @@ def spread(samples):
 
 if __name__ == "__main__":
     with autopilot_scheduling():
-        found = lateness_s(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))
-    print(json.dumps(found))
+        lateness_s = measure_lateness_s(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))
+    print(json.dumps(lateness_s))

@@ -1,4 +1,4 @@
-"""The real autopilot as a process on emulated devices, each of which a test can break."""
+"""The autopilot as a process with emulated devices, each of which a test can disturb."""
 
 import math
 import os
@@ -38,13 +38,13 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
 COMPASSES = {"nmea": ("nmea", NmeaCompassEmulator), "pni": ("pni_tcm", PniTcmEmulator), "mti": ("mti", MtiEmulator)}
 GUIDED = 15
-END_S = 15.0  # the rudder goes amidships, the log is written out
-LOOK_S = 0.02
-TAIL = 3000
+END_S = 15.0  # maximum time in which the rudder is centred and the log is closed
+MAX_WAIT_S = 0.02
+TAIL = 3000  # characters of the output in an error message
 
 
 class Lockstep:
-    """Time that the test gives, the same each time it runs; `speed` is how many times real time at most."""
+    """Simulated time, which makes a test repeatable; `speed` is the maximum, in multiples of real time."""
 
     send = staticmethod(PtyLine.post)
 
@@ -63,7 +63,7 @@ class Lockstep:
         self.server.accept(process.running, START_UTC_S + board.world.now_s)
 
     def step(self, _board, end_s):
-        """Let the autopilot compute once and time go on to its next deadline; False when it has gone."""
+        """Let the autopilot compute once, and advance to its next deadline; return False after its end."""
         return self.server.serve(end_s)
 
     def run_out(self, _board, _process):
@@ -77,7 +77,7 @@ class Lockstep:
 
 
 class RealTime:
-    """The machine's own time; cables may be pulled while it goes."""
+    """Real time, in which cables can be unplugged."""
 
     send = staticmethod(PtyLine.write)
 
@@ -94,13 +94,13 @@ class RealTime:
         return time.monotonic() - self._start_s
 
     def step(self, board, end_s):
-        """Do what is due and wait a moment for what the autopilot writes."""
+        """Advance the world, and receive the output of the autopilot."""
         now_s = min(self._now_s(), end_s)
         while board.advance(now_s):
             pass
         plugged = {port.line.fileno(): port for port in board.ports if port.line.is_plugged}
         wait_s = min(board.next_output_s(), end_s) - self._now_s()
-        for descriptor in select.select(list(plugged), [], [], max(0.0, min(wait_s, LOOK_S)))[0]:
+        for descriptor in select.select(list(plugged), [], [], max(0.0, min(wait_s, MAX_WAIT_S)))[0]:
             board.receive(plugged[descriptor], plugged[descriptor].line.read())
         return True
 
@@ -116,10 +116,10 @@ class RealTime:
 
 
 class Boat:
-    """A boat at sea with the real autopilot aboard, which may be killed and started again.
+    """A simulated boat with the autopilot as a process, which can be killed and started again.
 
-    `speed` is None in real time. `without` leaves out position, link or both. `plans` are files
-    that the state directory holds from the start, by name; `supply` gives panels, battery, charger and monitor.
+    `speed` None: real time. `without`: sections that are left out, position or link. `plans`: names and contents of
+    files in the state directory at the start. `supply`: with panels, battery, charger and monitor.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Boat:
         self._number = count()
         self._log = directory / "firmware.log"
         self.process = None
-        self.trail = []  # time and rudder angle, every tenth of a second
+        self.rudder_history = []  # time and rudder angle at 10 Hz
 
     def __enter__(self):
         return self
@@ -198,7 +198,7 @@ class Boat:
     def close(self):
         self._end()
         self.board.close()
-        for directory in DIRECTORIES:  # what one that was killed has said last
+        for directory in DIRECTORIES:  # status files of killed autopilots
             (directory / file_name(self.state)).unlink(missing_ok=True)
 
     def _end(self):
@@ -208,7 +208,7 @@ class Boat:
 
     @property
     def server(self):
-        """The clock that the autopilot has in lockstep."""
+        """The lockstep server, which is the clock of the autopilot."""
         return self.time.server
 
     @property
@@ -216,14 +216,14 @@ class Boat:
         return self.directory / "state"
 
     def store(self, files):
-        """Put files, by name and content, into the state directory, as an earlier run leaves them there."""
+        """Write files, given as name and content, to the state directory, like an earlier run."""
         store = Store(self.state)
         for name, content in files:
             store.save(name, content.encode())
         store.close()
 
     def start(self, *more):
-        """Start an autopilot, the first or one more; `more` are further arguments of `rambler run`."""
+        """Start the autopilot, again after its end; `more` are further arguments of `rambler run`."""
         number = next(self._number)
         self._log = self.directory / f"firmware{number}.log"
         arguments = ["run", str(self._vehicle), "--state", str(self.state), *more]
@@ -233,16 +233,16 @@ class Boat:
         return self
 
     def kill(self):
-        """End the autopilot as a power cut does."""
+        """Kill the autopilot, like a power cut."""
         os.kill(self.process._process.pid, signal.SIGKILL)
         self._end()
 
     def finish(self):
-        """End the autopilot in good order and return its logs."""
+        """End the autopilot with a signal; return its logs."""
         self.process.terminate()
         self.time.run_out(self.board, self.process)
         assert self.process.wait(END_S)
-        assert self.process.exit_code() == 0, self.words()[-TAIL:]
+        assert self.process.exit_code() == 0, self.output_text()[-TAIL:]
         return self.logs()
 
     def logs(self):
@@ -253,47 +253,48 @@ class Boat:
         return self.world.now_s
 
     def run(self, seconds):
-        """Let the world go on."""
+        """Advance the world."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
-            assert self.time.step(self.board, end_s), self.words()[-TAIL:]
-            if not self.trail or self.now_s - self.trail[-1][0] > 0.099:
-                self.trail.append((self.now_s, self.rudder_deg()))
+            assert self.time.step(self.board, end_s), self.output_text()[-TAIL:]
+            if not self.rudder_history or self.now_s - self.rudder_history[-1][0] > 0.099:
+                self.rudder_history.append((self.now_s, self.rudder_deg()))
 
-    def words(self):
-        """What the autopilot has written to its terminal."""
+    def output_text(self):
+        """Return the terminal output of the autopilot."""
         return self._log.read_text()
 
-    def until_written(self, text, seconds=15.0):
-        """Run until the autopilot has written a text to its terminal once more than before."""
-        before, begin_s = self.words().count(text), self.now_s
-        while self.words().count(text) == before:
-            assert self.now_s < begin_s + seconds, f"{text!r} not written within {seconds} s:\n{self.words()[-TAIL:]}"
-            assert self.process.running(), self.words()[-TAIL:]
+    def run_until_written(self, text, seconds=15.0):
+        """Run until the terminal output has the text once more than before."""
+        count, start_s = self.output_text().count(text), self.now_s
+        while self.output_text().count(text) == count:
+            assert self.now_s < start_s + seconds, (
+                f"{text!r} not written within {seconds} s:\n{self.output_text()[-TAIL:]}"
+            )
+            assert self.process.running(), self.output_text()[-TAIL:]
             self.run(0.1)
 
     def texts_since(self, t_s):
-        """The texts that the ground station has had since a moment."""
+        """Return the texts that the ground station has received since t_s."""
         return [text for when_s, _, text in self.station.texts if when_s >= t_s - 1e-9]
 
-    def until(self, text, seconds, since_s=None):
-        """Run until the ground station has a text; return how long it took."""
-        begin_s = self.now_s if since_s is None else since_s
-        while not any(output.startswith(text) for output in self.texts_since(begin_s)):
-            assert self.now_s < begin_s + seconds, (
-                f"{text!r} not said within {seconds} s: {self.texts_since(begin_s)}\n{self.words()[-TAIL:]}"
-            )
+    def run_until_text(self, text, seconds, since_s=None):
+        """Run until the ground station has received the text; return the time that it took."""
+        start_s = self.now_s if since_s is None else since_s
+        while not any(received.startswith(text) for received in self.texts_since(start_s)):
+            texts = f"{self.texts_since(start_s)}\n{self.output_text()[-TAIL:]}"
+            assert self.now_s < start_s + seconds, f"{text!r} not received within {seconds} s: {texts}"
             self.run(0.1)
-        return self.now_s - begin_s
+        return self.now_s - start_s
 
-    def under_way(self, mode, seconds=60.0):
-        """Run until the boat is armed and in a mode."""
+    def get_under_way(self, mode, seconds=60.0):
+        """Run until the boat is armed and in this mode."""
         while self.station.mode() != f"{MODE_NAMES[mode]}, armed":
-            assert self.now_s < seconds, f"{self.station.mode()} at {self.now_s} s\n{self.words()[-TAIL:]}"
+            assert self.now_s < seconds, f"{self.station.mode()} at {self.now_s} s\n{self.output_text()[-TAIL:]}"
             self.run(0.5)
 
-    def order(self, command, *values):
-        """Have the operator give one more command."""
+    def send_command(self, command, *values):
+        """Let the ground station send a command."""
         self.station.order(Order("order", self.now_s, command, values), self.now_s)
 
     def mode(self):
@@ -308,13 +309,13 @@ class Boat:
         return math.degrees(self.world.shaft.target_rad)
 
     def heading_error_deg(self, goal_deg=0.0):
-        """How far the true low-frequency heading is off the goal."""
+        """Return the difference of the true heading without waves from the goal [deg]."""
         return math.degrees(math.remainder(self.world.heading_low_rad() - math.radians(goal_deg), math.tau))
 
-    def widest_deg(self, since_s):
-        """The largest rudder angle since a moment."""
-        return max((abs(angle_deg) for t_s, angle_deg in self.trail if t_s >= since_s), default=0.0)
+    def max_rudder_deg(self, since_s):
+        """Return the largest rudder angle since since_s, as a magnitude."""
+        return max((abs(angle_deg) for t_s, angle_deg in self.rudder_history if t_s >= since_s), default=0.0)
 
     def track(self, from_s):
-        """Time, north and east of the start [s, m, m] in rows, since a moment."""
+        """Return rows of time, north and east of the start [s, m, m], since from_s."""
         return np.array([(row[0], row[7], row[8]) for row in self.world.truth if row[0] >= from_s])

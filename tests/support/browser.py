@@ -1,4 +1,4 @@
-"""A headless Chromium as people's browsers are: driven through its debugging pipe, which needs no client library."""
+"""A headless Chromium, controlled through its debugging pipe without a client library."""
 
 import base64
 import json
@@ -14,7 +14,7 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 PATIENCE_S = 60.0
 FLAGS = (
     "--headless",
-    "--no-sandbox",  # as root, which it refuses else
+    "--no-sandbox",  # needed by root
     "--disable-gpu",
     "--disable-dev-shm-usage",
     "--no-first-run",
@@ -25,37 +25,37 @@ FLAGS = (
 
 
 def chromium():
-    """The path of a Chromium; the test is skipped where there is none."""
-    found = next((path for name in PROGRAMS if (path := shutil.which(name))), None)
-    if found is None:
+    """Return the path of Chromium; skip the test if it is not installed."""
+    path = next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+    if path is None:
         pytest.skip("no Chromium: apt-get install chromium")
-    return found
+    return path
 
 
 class Browser:
-    """One tab; `complaints` are errors of its scripts and what its policy has refused, `requests` what it asked for."""
+    """A tab; `errors` are errors of its scripts and violations of its policy, `requests` the addresses it requested."""
 
     def __init__(self, directory):
-        self.complaints, self.requests = [], []
+        self.errors, self.requests = [], []
         self._number = 0
-        to_us, to_it = os.pipe(), os.pipe()
+        from_browser, to_browser = os.pipe(), os.pipe()
 
-        def pipes():  # it reads at 3 and writes at 4
-            taken = os.dup(to_it[0]), os.dup(to_us[1])
-            os.dup2(taken[0], 3)
-            os.dup2(taken[1], 4)
+        def use_pipes():  # Chromium reads from descriptor 3 and writes to 4
+            copies = os.dup(to_browser[0]), os.dup(from_browser[1])
+            os.dup2(copies[0], 3)
+            os.dup2(copies[1], 4)
 
         self._process = subprocess.Popen(
             [chromium(), *FLAGS, f"--user-data-dir={directory}"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            preexec_fn=pipes,  # noqa: PLW1509 - it takes no lock
+            preexec_fn=use_pipes,  # noqa: PLW1509 - no lock is needed
             pass_fds=(3, 4),
         )
-        os.close(to_it[0])
-        os.close(to_us[1])
-        self._to, self._from = os.fdopen(to_it[1], "wb", buffering=0), os.fdopen(to_us[0], "rb")
+        os.close(to_browser[0])
+        os.close(from_browser[1])
+        self._to, self._from = os.fdopen(to_browser[1], "wb", buffering=0), os.fdopen(from_browser[0], "rb")
         self._session = None
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
@@ -63,7 +63,7 @@ class Browser:
             self.ask(f"{domain}.enable")
 
     def ask(self, method, **parameters):
-        """Send a command and return its result; what comes meanwhile is looked at for complaints."""
+        """Send a command and return its result; events in between are searched for errors."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
@@ -74,7 +74,7 @@ class Browser:
             if message.get("id") == self._number:
                 assert "error" not in message, message
                 return message["result"]
-            self._listen(message)
+            self._handle_event(message)
 
     def _read(self):
         data = bytearray()
@@ -83,16 +83,16 @@ class Browser:
             data += byte
         return bytes(data)
 
-    def _listen(self, message):
+    def _handle_event(self, message):
         if message.get("method") == "Runtime.exceptionThrown":
-            self.complaints.append(message["params"]["exceptionDetails"].get("exception", {}).get("description", "?"))
+            self.errors.append(message["params"]["exceptionDetails"].get("exception", {}).get("description", "?"))
         elif message.get("method") == "Log.entryAdded" and message["params"]["entry"]["level"] == "error":
-            self.complaints.append(message["params"]["entry"]["text"])
+            self.errors.append(message["params"]["entry"]["text"])
         elif message.get("method") == "Network.requestWillBeSent":
             self.requests.append(message["params"]["request"]["url"])
 
-    def look(self, width, height, *, dark=False):
-        """Be a screen of this size, in a scheme."""
+    def set_screen(self, width, height, *, dark=False):
+        """Set the size of the screen and the colour scheme."""
         self.ask(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
         )
@@ -100,35 +100,35 @@ class Browser:
         self.ask("Emulation.setEmulatedMedia", features=[scheme])
 
     def open(self, url):
-        """Go to an address."""
+        """Open an address."""
         self.ask("Page.navigate", url=str(url))
         self.wait_for("document.readyState === 'complete'")
 
     def value(self, expression):
         """Return the value of a JavaScript expression in the page."""
-        found = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
+        result = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in result, result
+        return result["result"].get("value")
 
     def wait_for(self, expression):
         """Wait until an expression is true, and return it."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        while not (found := self.value(expression)):
-            assert time.monotonic() < give_up_s, expression
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not (value := self.value(expression)):
+            assert time.monotonic() < deadline_s, expression
             time.sleep(0.1)
-        return found
+        return value
 
     def contrasts(self):
-        """Return the contrast of each text with what lies behind it: ratio, text, colours, the worst first."""
+        """Return rows of contrast ratio, text and colours, with the lowest contrast first."""
         return self.value(Path(__file__).with_name("contrast.js").read_text())
 
     def picture(self, path):
-        """Write what is to be seen as a PNG file."""
+        """Write a screenshot to a PNG file."""
         data = self.ask("Page.captureScreenshot", format="png")["data"]
         path.write_bytes(base64.b64decode(data))
 
     def close(self):
-        """End it."""
+        """End the browser."""
         self._process.terminate()
         try:
             self._process.wait(PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Specifications of campaigns, with something else in them."""
+"""Specifications of campaigns with changed keys."""
 
 from hil.lab.campaign.engines import engine_of
 from hil.lab.campaign.firmware_engine import FAULTS
@@ -18,8 +18,8 @@ COMPILED = {
 }
 
 
-def read(content=None, **more):
-    """Return a specification with other keys in it; a key of None is left out."""
-    merged = {**(COMPILED if content is None else content), **more}
-    kept = {key: value for key, value in merged.items() if value is not None}
-    return parse(kept, tuple(FAULTS), lambda spec: engine_of(spec).refusals(spec))
+def read(content=None, **changes):
+    """Return a specification with changed keys; a key that is None is left out."""
+    merged = {**(COMPILED if content is None else content), **changes}
+    specification = {key: value for key, value in merged.items() if value is not None}
+    return parse(specification, tuple(FAULTS), lambda spec: engine_of(spec).refusals(spec))

@@ -1,5 +1,5 @@
-// The contrast of each text with what lies behind it, by WCAG's formula, the worst first: [ratio, text, colours].
-// What cannot be used just now is left out, as it is there.
+// Contrast of each text with its background by the formula of WCAG, lowest first: [ratio, text, colours].
+// Disabled buttons are left out, as in WCAG.
 (() => {
   const channels = (text) => { const found = text.match(/[\d.]+/g).map(Number); return found.length < 4 ? [...found, 1] : found; };
   const over = (top, below) => [0, 1, 2].map((i) => top[i] * top[3] + below[i] * (1 - top[3])).concat(1);

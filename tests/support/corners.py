@@ -1,6 +1,6 @@
-"""A boat in a small closed loop around the step function: any parameters, any kind of compass.
+"""A boat in a closed loop with the step function, with any parameters and any kind of compass.
 
-The boat itself is one that turns well, whatever its parameters say, and each command is checked.
+The simulated boat always turns well, independent of its parameters. Each command is checked.
 """
 
 import math
@@ -25,7 +25,7 @@ from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from fuzz.target import check_finite, check_line
 
-# Step of the reading [deg], interval [s], noise [deg].
+# Resolution [deg], interval [s], noise [deg].
 COMPASSES = {
     "fine": (0.0, 0.1, 0.3),
     "whole degrees": (1.0, 1.0, 0.0),
@@ -41,13 +41,13 @@ FREE = tuple(row for row in TABLE if not row.read_only)
 GUIDED = 15
 PLACE = (0.6283, 2.1118)
 EARTH_RADIUS_M = 6.371e6
-GOAL_S = 4.0  # between two goals
-FAR_RAD = 2.5
-ORDERED_S = 2.0
+GOAL_INTERVAL_S = 4.0
+MAX_TURN_RAD = 2.5
+ARM_S = 2.0
 
 
-def lawful(row, share):
-    """Return the value of a row at a share of its range, from 0 to 1."""
+def value_at_share(row, share):
+    """Return the valid value of a parameter at a share of its range, from 0 to 1."""
     if row.choices is not None:
         return sorted(row.choices)[min(int(share * len(row.choices)), len(row.choices) - 1)]
     value = row.minimum + share * (row.maximum - row.minimum)
@@ -61,15 +61,15 @@ def parameters_with(values):
     return parameters
 
 
-class Sail:
-    """The boat under way; parameters of `later` are set when it is."""
+class CheckedBoat:
+    """An armed boat; the parameters of `later` are set GOAL_INTERVAL_S after arming."""
 
     def __init__(self, values, compass, later=(), mode=GUIDED, seed=1):
         self.state, self.draw = State.at_start(parameters_with(values)), random.Random(seed)
         self.step_deg, self.interval_s, self.noise_deg = COMPASSES[compass]
-        self.orders = [Request(ORDERED_S, Arm(armed=True, force=True)), Request(ORDERED_S, SetMode(mode))]
-        self.orders += [Request(ORDERED_S + GOAL_S, SetParameter(*item)) for item in dict(later).items()]
-        self.index, self.now_s, self.heading_due_s, self.goal_due_s = 0, 0.0, 0.0, ORDERED_S
+        self.orders = [Request(ARM_S, Arm(armed=True, force=True)), Request(ARM_S, SetMode(mode))]
+        self.orders += [Request(ARM_S + GOAL_INTERVAL_S, SetParameter(*item)) for item in dict(later).items()]
+        self.index, self.now_s, self.heading_due_s, self.goal_due_s = 0, 0.0, 0.0, ARM_S
         self.heading_rad, self.rate_rad_s, self.shaft_rad = 1.0, 0.0, 0.0
         self.north_m = self.east_m = 0.0
 
@@ -78,19 +78,21 @@ class Sail:
         while self.now_s < end_s:
             self.tick()
         text = state_to_text(self.state)
-        again, notes = state_from_text(text)
+        restored, notes = state_from_text(text)
         assert notes == ()
-        assert state_to_text(again) == text
+        assert state_to_text(restored) == text
 
     def headings(self):
         if self.now_s < self.heading_due_s:
             return ()
         self.heading_due_s = self.now_s + self.interval_s
-        shown_deg = math.degrees(self.heading_rad) + self.draw.gauss(0.0, 1.0) * self.noise_deg
+        reading_deg = math.degrees(self.heading_rad) + self.draw.gauss(0.0, 1.0) * self.noise_deg
         if self.step_deg:
-            shown_deg = self.step_deg * round(shown_deg / self.step_deg)
-        shown_rad = wrap_two_pi(math.radians(shown_deg))
-        return tuple(HeadingSample(self.now_s, shown_rad, NorthReference.MAGNETIC, source=source) for source in (0, 1))
+            reading_deg = self.step_deg * round(reading_deg / self.step_deg)
+        reading_rad = wrap_two_pi(math.radians(reading_deg))
+        return tuple(
+            HeadingSample(self.now_s, reading_rad, NorthReference.MAGNETIC, source=source) for source in (0, 1)
+        )
 
     def positions(self):
         if self.index % 10:
@@ -104,8 +106,8 @@ class Sail:
         due = tuple(order for order in self.orders if order.t_s <= self.now_s)
         self.orders = [order for order in self.orders if order not in due]
         if self.now_s >= self.goal_due_s:
-            self.goal_due_s += GOAL_S
-            goal_rad = self.heading_rad + self.draw.uniform(-FAR_RAD, FAR_RAD)
+            self.goal_due_s += GOAL_INTERVAL_S
+            goal_rad = self.heading_rad + self.draw.uniform(-MAX_TURN_RAD, MAX_TURN_RAD)
             due += (Request(self.now_s, SteerHeading(wrap_two_pi(goal_rad))),)
         return due
 
@@ -122,13 +124,13 @@ class Sail:
         for event in output.events:
             check_line(event.text)
         parameters = self.state.parameters
-        largest_rad = max(math.radians(parameters["RUD_LIMIT_DEG"]), abs(command_rad))  # it may have been narrowed
-        assert abs(self.state.rudder.command_rad) <= largest_rad + 1e-9
+        max_rad = max(math.radians(parameters["RUD_LIMIT_DEG"]), abs(command_rad))  # the limit may have become smaller
+        assert abs(self.state.rudder.command_rad) <= max_rad + 1e-9
         if output.command.torque_on:
             self.shaft_rad = output.command.shaft_rad
         step_s = 1.0 / parameters["LOOP_RATE_HZ"]
-        turned_rad = self.shaft_rad - math.radians(parameters["RUD_CENTRE_DEG"])
-        angle_rad = -turned_rad if parameters["RUD_REVERSE"] else turned_rad
+        shaft_angle_rad = self.shaft_rad - math.radians(parameters["RUD_CENTRE_DEG"])
+        angle_rad = -shaft_angle_rad if parameters["RUD_REVERSE"] else shaft_angle_rad
         self.rate_rad_s += (0.1 * angle_rad - self.rate_rad_s) * -math.expm1(-step_s / 2.0)
         self.heading_rad += step_s * self.rate_rad_s
         self.north_m += step_s * 0.5 * math.cos(self.heading_rad)

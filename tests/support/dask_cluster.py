@@ -1,4 +1,4 @@
-"""A dask scheduler with two workers, each a process of its own; ends with its standard input. Prints its address."""
+"""A dask scheduler with two worker processes. Prints its address, and ends at the end of its standard input."""
 
 import sys
 

@@ -1,6 +1,6 @@
-"""A Debian tree that is booted with its own systemd in namespaces of its own, and changed in a layer over it.
+"""A Debian tree that is booted with its systemd in separate namespaces; changes are written to an overlay.
 
-No container program is needed: overlayfs, a cgroup of version 2 and unshare(1). The network is that of the machine.
+It needs overlayfs, a cgroup of version 2 and unshare(1), but no container program. The network is that of the machine.
 """
 
 import os
@@ -13,10 +13,10 @@ from pathlib import Path
 from support.paths import ROOT
 
 TREE = Path(os.environ.get("DEBIAN_TREE", ROOT / "build/debian-trixie"))
-PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"  # root's, in Debian
+PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"  # of root in Debian
 BOOT_S, COMMAND_S = 120.0, 600.0
-# How programs in the tree reach the network from here.
-PASSED_ON = (
+# Environment variables that programs in the tree need for the network.
+NETWORK_VARIABLES = (
     "PIP_CERT",
     "PIP_INDEX_URL",
     "SSL_CERT_",
@@ -55,15 +55,15 @@ exec env -i container=other PATH=/usr/sbin:/usr/bin:/sbin:/bin /lib/systemd/syst
 """
 
 
-def why_not():
-    """Why no tree can be booted here; empty when one can."""
+def reason_to_skip():
+    """Return the reason why no tree can be booted here; empty if one can."""
     if os.geteuid() != 0:
-        return "booting a Debian tree takes root"
+        return "booting a Debian tree needs root"
     for program in ("unshare", "nsenter", "pivot_root"):
         if shutil.which(program) is None:
-            return f"{program} is not there (util-linux)"
+            return f"{program} is missing (util-linux)"
     if _cgroup() is None:
-        return "there is no cgroup of version 2 to boot a tree in"
+        return "there is no cgroup of version 2 for a tree"
     if "overlay" not in Path("/proc/filesystems").read_text():
         return "the kernel has no overlayfs"
     if not (TREE / "etc/debian_version").exists():
@@ -80,7 +80,7 @@ def _cgroup():
 
 
 class BootedTree:
-    """A tree under way; `shared` is its /srv/boat, `layer` keeps what was changed over a reboot. A context."""
+    """A context with a booted tree; `shared` is its /srv/boat, `layer` stores its changes, also over a reboot."""
 
     def __init__(self, layer, shared):
         self.layer, self.shared = layer, shared
@@ -97,11 +97,11 @@ class BootedTree:
 
     def boot(self):
         self._cgroup.mkdir(exist_ok=True)
-        words = ["unshare", "--mount", "--pid", "--uts", "--ipc", "--cgroup", "--fork", "--kill-child=SIGKILL"]
-        more = {"TREE": str(TREE), "LAYER": str(self.layer), "SHARED": str(self.shared)}
+        command = ["unshare", "--mount", "--pid", "--uts", "--ipc", "--cgroup", "--fork", "--kill-child=SIGKILL"]
+        variables = {"TREE": str(TREE), "LAYER": str(self.layer), "SHARED": str(self.shared)}
         self._outer = subprocess.Popen(
-            ["sh", "-c", f'echo $$ >{self._cgroup}/cgroup.procs; exec "$@"', "sh", *words, "sh", "-c", BOOT],
-            env={**os.environ, **more},
+            ["sh", "-c", f'echo $$ >{self._cgroup}/cgroup.procs; exec "$@"', "sh", *command, "sh", "-c", BOOT],
+            env={**os.environ, **variables},
         )
         self.pid = self._until(self._child, "a process")
         self._until(lambda: self._command("test -S /run/systemd/private").returncode == 0, "systemd")
@@ -111,7 +111,7 @@ class BootedTree:
         return self._command("systemctl is-system-running").stdout.strip()
 
     def cut_power(self):
-        """End everything in the tree at once."""
+        """Kill all processes of the tree."""
         self._outer.send_signal(signal.SIGKILL)
         self._outer.wait()
         self._until(self._cgroup_removed, "its end")
@@ -121,22 +121,22 @@ class BootedTree:
             for folder in sorted((path for path in self._cgroup.rglob("*") if path.is_dir()), reverse=True):
                 folder.rmdir()
             self._cgroup.rmdir()
-        except OSError:  # the last of its processes are still ending
+        except OSError:  # its last processes are still ending
             return False
         return True
 
     def run(self, command):
-        """Run a command line as its root and return what it prints; it must succeed."""
-        done = self._command(command)
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-        return done.stdout
+        """Run a command line as root in the tree, which must succeed; return its output."""
+        result = self._command(command)
+        assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
+        return result.stdout
 
     def _command(self, command):
-        passed_on = {name: value for name, value in os.environ.items() if name.startswith(PASSED_ON)}
+        network_variables = {name: value for name, value in os.environ.items() if name.startswith(NETWORK_VARIABLES)}
         path = {"PATH": PATH, "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
         return subprocess.run(
             ["nsenter", f"--target={self.pid}", "--mount", "--pid", "--uts", "--ipc", "--cgroup", "sh", "-ec", command],
-            env={**passed_on, **path}, capture_output=True, text=True, timeout=COMMAND_S, check=False,
+            env={**network_variables, **path}, capture_output=True, text=True, timeout=COMMAND_S, check=False,
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
 
@@ -144,14 +144,14 @@ class BootedTree:
         pid = self._outer.pid
         return int((Path(f"/proc/{pid}/task/{pid}/children").read_text().split() or ["0"])[0])
 
-    def _until(self, found, what):
-        give_up_s = time.monotonic() + BOOT_S
-        while not (value := found()):
-            assert time.monotonic() < give_up_s, f"no {what} within {BOOT_S:g} s: {self._last_words()}"
-            assert self._outer.poll() is None or what == "its end", self._last_words()
+    def _until(self, condition, description):
+        deadline_s = time.monotonic() + BOOT_S
+        while not (value := condition()):
+            assert time.monotonic() < deadline_s, f"no {description} within {BOOT_S:g} s: {self._last_output()}"
+            assert self._outer.poll() is None or description == "its end", self._last_output()
             time.sleep(0.1)
         return value
 
-    def _last_words(self):
+    def _last_output(self):
         log = self.layer / "upper/var/log/boot.log"
         return log.read_text(errors="replace")[-2000:] if log.exists() else ""

@@ -1,4 +1,4 @@
-"""A disk that fails by plan: each call in turn, before or after its effect, once or from then on; and power cuts."""
+"""A disk whose calls fail at a chosen number, before or after their effect, once or from then on; power cuts."""
 
 import errno
 import os
@@ -21,94 +21,94 @@ CALLS = (
     "replace",
     "unlink",
 )
-KINDS = ("refused", "late", "torn", "short")  # without effect; after it; in the middle of it; fewer bytes than asked
-CUTS = ("nothing", "everything", "first sector", "all but the first sector")  # of what was not forced to disk
+KINDS = ("refused", "late", "torn", "short")  # no effect; full effect; partial effect; fewer bytes without an error
+CUTS = ("nothing", "everything", "first sector", "all but the first sector")  # of the data that was not synced
 
 
-def sampled(calls, number, seed):
-    """Return so many of the calls, in order, for tests that let each of them fail only as a proof."""
+def sample_calls(calls, number, seed):
+    """Return a sorted sample of call numbers; the tests of all calls are marked `proof`."""
     return sorted(random.Random(seed).sample(range(calls), min(number, calls)))
 
 
 class FaultyDisk:
-    """Stands before the calls of `os` that touch files in a directory; syncs reach its own memory, not the platters."""
+    """Replacement of the calls of `os` for files in a directory; it stores the synced data in memory."""
 
     def __init__(self, directory, monkeypatch):
         self.directory = Path(directory)
-        self.durable = {}  # bytes of each file on the platters, by its name
-        self.named = {}  # names on the platters, and the file that each leads to
-        self.still = threading.Lock()  # its holder sees the disk between two calls
+        self.durable = {}  # synced bytes of each file, by its name
+        self.names = {}  # synced names of the directory
+        self.lock = threading.Lock()  # held during each call
         self._paths = {}
         self._real = {name: getattr(os, name) for name in CALLS}
         self.arm(None)
         for name in CALLS:
-            monkeypatch.setattr(os, name, lambda *words, name=name, **more: self._call(name, words, more))
+            monkeypatch.setattr(os, name, lambda *args, name=name, **kwargs: self._call(name, args, kwargs))
 
     def arm(self, at, kind="refused", *, lasting=False):
-        """Let the call number `at` from now on fail, and all later ones too when lasting; None: all is well."""
+        """Let the call number `at` from now on fail, and with `lasting` all later ones; None: no call fails."""
         self.at, self.kind, self.lasting = at, kind, lasting
         self.count = 0
         self.failed = []
 
     def cut(self, target, pattern):
-        """Write what the next start finds after a power cut; of what was not forced to disk, by the pattern."""
+        """Write the files as after a power cut; the pattern decides on the data that was not synced."""
         target.mkdir()
-        for name in self.named:
+        for name in self.names:
             path = self.directory / name
             durable = self.durable.get(name, b"")
-            now = path.read_bytes() if path.exists() else durable
+            content = path.read_bytes() if path.exists() else durable
             if pattern == "nothing":
-                now = durable
+                content = durable
             elif pattern == "first sector":
-                now = now[:SECTOR] + durable[SECTOR:]
+                content = content[:SECTOR] + durable[SECTOR:]
             elif pattern == "all but the first sector":
-                now = durable[:SECTOR].ljust(min(SECTOR, len(now)), b"\0") + now[SECTOR:]
-            (target / name).write_bytes(now)
+                content = durable[:SECTOR].ljust(min(SECTOR, len(content)), b"\0") + content[SECTOR:]
+            (target / name).write_bytes(content)
 
-    def _path_of(self, word):
-        if isinstance(word, int):
-            return self._paths.get(word)
-        path = Path(os.fspath(word))
+    def _path_of(self, argument):
+        if isinstance(argument, int):
+            return self._paths.get(argument)
+        path = Path(os.fspath(argument))
         return path if self.directory in (path, path.parent) else None
 
-    def _call(self, name, words, more):
-        path, real = self._path_of(words[0]), self._real[name]
+    def _call(self, name, args, kwargs):
+        path, real = self._path_of(args[0]), self._real[name]
         if path is None:
-            return real(*words, **more)
-        with self.still:
+            return real(*args, **kwargs)
+        with self.lock:
             number, self.count = self.count, self.count + 1
             fails = self.at is not None and (number == self.at or (self.lasting and number > self.at))
             if fails:
                 self.failed.append(name)
-                return self._fail(name, path, words, more)
-            return self._act(name, path, words, more)
+                return self._fail(name, path, args, kwargs)
+            return self._act(name, path, args, kwargs)
 
-    def _fail(self, name, path, words, more):
+    def _fail(self, name, path, args, kwargs):
         real = self._real[name]
-        if name == "close":  # the descriptor is gone in any case
-            self._act(name, path, words, more)
+        if name == "close":  # it closes the descriptor also if it fails
+            self._act(name, path, args, kwargs)
         elif name in ("write", "pwrite") and self.kind in ("torn", "short"):
-            written = real(words[0], words[1][: min(SECTOR, len(words[1]) // 2)], *words[2:], **more)
+            written = real(args[0], args[1][: min(SECTOR, len(args[1]) // 2)], *args[2:], **kwargs)
             if self.kind == "short":
                 return written
         elif self.kind == "late":
-            result = self._act(name, path, words, more)
+            result = self._act(name, path, args, kwargs)
             if name == "open":
                 self._act("close", path, (result,), {})
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    def _act(self, name, path, words, more):
+    def _act(self, name, path, args, kwargs):
         if name == "fdatasync" or (name == "fsync" and path != self.directory):
             self.durable[path.name] = path.read_bytes() if path.exists() else b""
             return None
         if name == "fsync":
-            self.named = dict.fromkeys(entry.name for entry in path.iterdir() if entry.is_file())
+            self.names = dict.fromkeys(entry.name for entry in path.iterdir() if entry.is_file())
             return None
-        result = self._real[name](*words, **more)
+        result = self._real[name](*args, **kwargs)
         if name == "open":
             self._paths[result] = path
         elif name == "close":
-            self._paths.pop(words[0], None)
-        elif name in ("rename", "replace"):  # the file on the platters is the same, by another name
-            self.durable[Path(words[1]).name] = self.durable.get(path.name, b"")
+            self._paths.pop(args[0], None)
+        elif name in ("rename", "replace"):  # the synced file gets another name
+            self.durable[Path(args[1]).name] = self.durable.get(path.name, b"")
         return result

@@ -1,4 +1,4 @@
-"""A client of MAVLink file transfer that does as the guide says."""
+"""A client of MAVLink FTP that follows the MAVLink guide."""
 
 import struct
 
@@ -10,7 +10,7 @@ ACK, NAK = 128, 129
 
 
 class Reply:
-    """The answer to a request of file transfer."""
+    """Reply to a file transfer request."""
 
     def __init__(self, message):
         self.to = (message.target_system, message.target_component)
@@ -30,7 +30,7 @@ class Reply:
 
 
 class FtpStation:
-    """A client of file transfer that does as the guide says, on a rig."""
+    """A client of MAVLink FTP on a rig."""
 
     def __init__(self, rig, address="station", session=0):
         self.rig = rig
@@ -39,7 +39,7 @@ class FtpStation:
         self.sequence = 0
 
     def request(self, opcode, data=b"", *, offset=0, size=None, session=None, sequence=None):
-        """A request as a message; each has the next sequence number unless one is given."""
+        """Return a request message; without `sequence` it has the next sequence number."""
         data = data.encode() if isinstance(data, str) else data
         if sequence is None:
             sequence, self.sequence = self.sequence, (self.sequence + 1) & 0xFFFF
@@ -49,21 +49,21 @@ class FtpStation:
         return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
 
     def all(self, *request, **fields):
-        """The replies to a request."""
+        """Send a request; return all replies."""
         return self.replies(self.rig.tell(self.request(*request, **fields), address=self.address))
 
     @staticmethod
     def replies(replies):
-        """What was said of file transfer."""
+        """Return the file transfer replies among messages."""
         return [Reply(message) for message in of_type(replies, "FILE_TRANSFER_PROTOCOL")]
 
     def ask(self, *request, **fields):
-        """The one reply to a request."""
+        """Send a request; return its only reply."""
         (reply,) = self.all(*request, **fields)
         return reply
 
     def get(self, path):
-        """Read a file by one read after the other."""
+        """Read a file with successive read requests; return its content."""
         opened = self.ask(4, path)
         assert opened.ok, opened.error
         content = b""
@@ -75,7 +75,7 @@ class FtpStation:
         return content
 
     def put(self, path, content):
-        """Write a file; return the answer to the end of it."""
+        """Write a file; return the reply to the last request."""
         created = self.ask(6, path)
         if not created.ok:
             return created
@@ -84,7 +84,7 @@ class FtpStation:
         return self.ask(1)
 
     def list(self, path, opcode=3):
-        """The lines of a listing."""
+        """Return the lines of a directory listing."""
         lines = []
         while (reply := self.ask(opcode, path, offset=len(lines))).ok:
             lines += reply.data.decode().rstrip("\0").split("\0")

@@ -1,4 +1,4 @@
-"""A log of a boat that knows all it can: mission, fence, battery, estimate, a fault, a stick."""
+"""A log with mission, fence, battery, estimate, a fault and stick input."""
 
 import msgspec
 
@@ -56,13 +56,13 @@ def inputs_of(index, requests=()):
     )
 
 
-def boat(index):
-    armed = index >= ARM_TICK
+def snapshot_of(index):
+    is_armed = index >= ARM_TICK
     return msgspec.structs.replace(
         SNAPSHOT,
         t_s=100.0 + 0.1 * index,
         tick=index,
-        armed=armed,
+        armed=is_armed,
         position=PositionSample(100.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, 1.5),
         position_ok=True,
         home=Home(0.7, -0.2001, 1.0),
@@ -79,7 +79,7 @@ def boat(index):
 
 
 def write_log(directory):
-    """Write a minute of a boat that knows all it can as one file; return its path."""
+    """Write a log of one minute to a directory; return its path."""
     recorder = LogRecorder(
         directory,
         parameters=ParameterSet(),
@@ -95,7 +95,7 @@ def write_log(directory):
         STICK_TICK: (Request(100.0 + 0.1 * STICK_TICK, ManualRudder(0.5)),),
     }
     for index in range(TICKS):
-        output = Output(RudderCommand(0.25, torque_on=True), boat(index))
+        output = Output(RudderCommand(0.25, torque_on=True), snapshot_of(index))
         recorder.offer(inputs_of(index, requests.get(index, ())), output, lambda: "{}")
     recorder.close()
     return directory / "00000001.BIN"

@@ -1,4 +1,4 @@
-"""MAVExplorer's own graphs, and which of them a log has the numbers for."""
+"""Predefined graphs of MAVExplorer, and the number of them that a log can fill."""
 
 import importlib.util
 import math
@@ -9,19 +9,19 @@ import pytest
 from pymavlink import mavutil
 
 
-def drawn(messages):
-    """How many of MAVExplorer's expressions are numbers throughout, and how many there are."""
+def count_graphs(messages):
+    """Return the number of MAVExplorer's graphs whose expressions are all numbers, and the number of all graphs."""
     package = importlib.util.find_spec("MAVProxy")
     if package is None:
         pytest.skip("MAVProxy is not installed; install the extra [clients]")
     paths = sorted(Path(package.origin).parent.glob("tools/graphs/*.xml"))
-    expressions = [text for path in paths for one in ET.parse(path).iter("expression") if (text := one.text)]
+    expressions = [text for path in paths for entry in ET.parse(path).iter("expression") if (text := entry.text)]
 
-    def finite(field):
+    def is_finite(field):
         try:
             value = mavutil.evaluate_expression(field.removesuffix(":1").removesuffix(":2"), messages)
-        except (AttributeError, TypeError):  # as MAVExplorer, which leaves such a graph out
+        except (AttributeError, TypeError):  # MAVExplorer leaves out such a graph
             return False
         return isinstance(value, int | float) and math.isfinite(value)
 
-    return sum(all(map(finite, text.split())) for text in expressions), len(expressions)
+    return sum(all(map(is_finite, text.split())) for text in expressions), len(expressions)

@@ -1,4 +1,4 @@
-"""`rambler` with parts that hang for good on request, by a file in HANG_DIRECTORY that names the part."""
+"""`rambler` with parts that hang forever on request: by a file in HANG_DIRECTORY with the name of the part."""
 
 import ctypes
 import os
@@ -17,7 +17,7 @@ DIRECTORY = Path(os.environ["HANG_DIRECTORY"])
 
 
 def is_requested(part):
-    """Return whether this part must hang; True once."""
+    """Return whether this part must hang; it is True only once for each request."""
     try:
         (DIRECTORY / part).unlink()
     except FileNotFoundError:
@@ -25,11 +25,11 @@ def is_requested(part):
     return True
 
 
-def before(part, hang, function):
-    def wrapped(*words, **more):
+def hang_before(part, hang, function):
+    def wrapped(*args, **kwargs):
         if is_requested(part):
             hang()
-        return function(*words, **more)
+        return function(*args, **kwargs)
 
     return wrapped
 
@@ -46,9 +46,10 @@ def sleep():
 
 
 def wait_in_kernel():
-    """Wait like a process on a blocked disk, until a write to a pipe: by vfork(2), whose child opens it.
+    """Wait in the kernel like a process on a blocked disk, until a write to a pipe.
 
-    Of all that puts a thread there by itself this alone needs no device. ctypes lets the other threads run meanwhile.
+    The child of vfork(2) opens the pipe. This is the only such wait that needs no device. ctypes lets the other threads
+    run at the same time.
     """
     libc = ctypes.CDLL(None)
     actions, pid = ctypes.create_string_buffer(256), ctypes.c_int()
@@ -58,7 +59,7 @@ def wait_in_kernel():
     libc.posix_spawn(ctypes.byref(pid), words[0], actions, None, words, (ctypes.c_char_p * 1)(None))
 
 
-def hear_nothing():
+def read_nothing():
     read = SerialPort.read
     SerialPort.read = lambda line: read(line)[:0]
 
@@ -67,10 +68,10 @@ def send_nothing():
     SerialPort.write = lambda _line, _data: False
 
 
-autopilot.step = before("tick", sleep, autopilot.step)
-SlotWriter.write = before("store", sleep, before("disk", wait_in_kernel, SlotWriter.write))
-SerialPort.read = before("samples", hear_nothing, SerialPort.read)
-SerialPort.write = before("actuation", send_nothing, SerialPort.write)
-LogWriter.drain = before("log", deadlock, LogWriter.drain)
-LogWriter._check_free_space = before("ended", sys.exit, LogWriter._check_free_space)
+autopilot.step = hang_before("tick", sleep, autopilot.step)
+SlotWriter.write = hang_before("store", sleep, hang_before("disk", wait_in_kernel, SlotWriter.write))
+SerialPort.read = hang_before("samples", read_nothing, SerialPort.read)
+SerialPort.write = hang_before("actuation", send_nothing, SerialPort.write)
+LogWriter.drain = hang_before("log", deadlock, LogWriter.drain)
+LogWriter._check_free_space = hang_before("ended", sys.exit, LogWriter._check_free_space)
 sys.exit(main())

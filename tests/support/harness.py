@@ -1,4 +1,4 @@
-"""`rambler-hil` and `rambler replay` as an operator runs them."""
+"""`rambler-hil` and `rambler replay` as processes."""
 
 import http.client
 import os
@@ -12,10 +12,10 @@ from hil.sim.truth import read
 from support.paths import ROOT
 from support.program import Program, assert_no_process_left, unused_ports
 
-SECONDS = 600  # simulated or real: limit of a run that is not ended
-INTERRUPTED = 130
+MAX_RUN_S = 600  # simulated or real
+INTERRUPTED = 130  # exit code
 
-# The stock boat needs a minute to turn; this one is there in a few seconds of real time.
+# The default boat needs a minute for a turn; this boat needs a few seconds of real time.
 NIMBLE_BOAT = """
 [compass]
 driver = "nmea"
@@ -34,13 +34,13 @@ MDL_ALPHA_S2 = 0.0
 
 
 def without_pictures(environment=os.environ):
-    """The environment of a program that finds no matplotlib, and so leaves the picture of a run out."""
+    """Return the environment of a program without matplotlib, which makes no picture of a run."""
     paths = [str(Path(__file__).with_name("without_pictures")), environment.get("PYTHONPATH", "")]
     return {**environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def start_rambler_hil(*words, picture=False, **more):
-    """Start a command of `rambler-hil` and leave it running; pages have no picture unless that is wanted."""
+    """Start a command of `rambler-hil` without waiting; its pages have a picture only with `picture`."""
     command = [sys.executable, "-m", "hil", *map(str, words)]
     env = more.pop("env", os.environ)
     if words[0] in ("run", "report") and not picture:
@@ -50,33 +50,33 @@ def start_rambler_hil(*words, picture=False, **more):
 
 
 def rambler_hil(*words, picture=False):
-    """Run a command of `rambler-hil` to its end; return its exit code and what it said on stdout and stderr."""
+    """Run a command of `rambler-hil`; return its exit code, standard output and standard error."""
     process = start_rambler_hil(*words, picture=picture)
     output, errors = process.communicate()
     return process.returncode, output, errors
 
 
-def events_of(port):
-    """Return all that a reader of the page of a run is sent until its end."""
+def read_events(port):
+    """Return all events that the page of a run receives until the end of the run."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
     connection.request("GET", "/events")
     return connection.getresponse().read()
 
 
 def replay(log, *words):
-    """Run `rambler replay` on a log to its end; return what has become of it."""
+    """Run `rambler replay` on a log; return the completed process."""
     command = [sys.executable, "-m", "firmware_py", "replay", str(log), *words]
     return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
 
 
-def replays(out):
-    """Whether every rudder command of a run's logs is recomputed to the same bits."""
+def is_replay_identical(out):
+    """Return whether all rudder commands in the logs of a run are recomputed with the same bits."""
     logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
     return bool(logs) and all(replay(log).returncode == 0 for log in logs)
 
 
 class Hil:
-    """`rambler-hil run` with links of its own; `ports` are theirs, in the order of the kinds; `links` are others."""
+    """`rambler-hil run` with a link of each kind, whose ports are `ports`; `links` are further ones."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Hil:
         scenario="calm",
         goal="0:-10",
         speed="real",
-        seconds=SECONDS,
+        seconds=MAX_RUN_S,
         nimble=True,
     ):
         self.out = directory / "run"
@@ -102,13 +102,13 @@ class Hil:
         self.program = Program("hil", command, directory, env=without_pictures())
 
     def wait_under_way(self):
-        """Wait until the run's own station has armed the boat and set the mode; from then on it is silent."""
+        """Wait until the ground station of the run has armed the boat and set the mode; then it sends no more."""
         log = self.firmware_log
-        for sign in ("Mode GUIDED", "Armed"):
-            self.program.wait_for(lambda sign=sign: log.exists() and sign in log.read_text(), f"no {sign!r} in the log")
+        for text in ("Mode GUIDED", "Armed"):
+            self.program.wait_for(lambda text=text: log.exists() and text in log.read_text(), f"no {text!r} in the log")
 
     def end(self):
-        """Interrupt the run as an operator does, and return what really happened."""
+        """Interrupt the run, and return its true track."""
         self.program.send_signal(signal.SIGINT)
         code = self.program.exit_code()
         if code != INTERRUPTED:
@@ -117,7 +117,7 @@ class Hil:
         return read(self.out / "truth.csv")
 
     def close(self):
-        """After a test that has failed, too: interrupted first, so that the HIL ends its autopilot."""
+        """End the run, also after a failed test; the interrupt lets the HIL end its autopilot."""
         try:
             if self.program.running():
                 self.program.send_signal(signal.SIGINT)

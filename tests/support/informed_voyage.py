@@ -1,4 +1,4 @@
-"""The compiled loop with variants for comparison: a filter that is given all noise levels, or gains without a model."""
+"""The compiled loop with variants for comparison: a filter with the true noise levels, or gains without a model."""
 
 import math
 from typing import NamedTuple
@@ -33,7 +33,7 @@ RECORDED_LIKE = {
 
 
 def levels_of(sea):
-    """Return the noise levels of a sea as the filter takes them."""
+    """Return the noise levels of a sea in the form of the filter."""
     walk = radians(sea.bias_deg) * math.sqrt(2.0 / sea.bias_memory_s)
     diffusion = max(sea.diffusion, 1e-5) * radians(1.0) ** 2
     numbers = (
@@ -44,7 +44,7 @@ def levels_of(sea):
 
 @compiled_here
 def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
-    """Sail as hil/lab/twin/loop.py does; `informed`: the filter keeps these levels; `fixed`: gains without a model."""
+    """Sail like hil/lab/twin/loop.py; `informed`: the filter has these levels; `fixed`: gains without a model."""
     plant.begin(at, waters.ship)
     autopilot.begin(a)
     deadline_s, ticks = 0.0, 0
@@ -53,23 +53,15 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
         autopilot.receive_goals(a, task, deadline_s)
         if informed:
             s, f = taken.heading, taken.heading.filter
-            # Begun long ago: it chooses no candidate.
+            # With an early start time the filter does not choose a candidate.
             f = heading_filter.HeadingFilter(
                 f.t_s, -1e6, f.motion, levels, f.learning, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad,
                 f.innovation_square,
             )  # fmt: skip
             s = heading_tick.HeadingTick(
-                s.sources,
-                f,
-                s.uncorrected,
-                s.uncorrected_s,
-                s.check,
-                s.delay,
-                s.smoothed,
-                s.bias_mean_rad,
-                s.rudder_rad,
-                s.wave_yaw_rad2,
-            )
+                s.sources, f, s.uncorrected, s.uncorrected_s, s.check, s.delay, s.smoothed, s.bias_mean_rad,
+                s.rudder_rad, s.wave_yaw_rad2,
+            )  # fmt: skip
             taken = EstimatorState(
                 s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s
             )
@@ -89,13 +81,13 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
 
 
 def sail(sea, goals, seconds, parameters, levels, informed=False, fixed=False, ticks=False):
-    """Sail a sea that is drawn; return the record, the ticks that were noted in it among it."""
+    """Sail in a drawn sea; return the record with its ticks."""
     rows = round(seconds * 10.0) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows if ticks else 0, loop.TICK_COLUMNS)))
     boat = sailing.boat_of(parameters)
     a, task = Autopilot(boat, sailing.zeros(STATE), LawSettings.of(parameters)), sailing.task_of(goals)
     waters = sailing.waters_of(sea)
-    noted = voyage(
+    tick_count = voyage(
         sailing.zeros(PLANT), waters, a, *initial_state(boat), task, record, levels_of(levels), informed, fixed
     )
-    return record._replace(ticks=record.ticks[:noted])
+    return record._replace(ticks=record.ticks[:tick_count])

@@ -1,9 +1,8 @@
-"""Updates of a small tree of programs, each ended at another step: run as a program, which forks one child for each.
+"""Updates of a small tree of programs, each ended at a different step, in a child process for each step.
 
-A step is each change of the disk that Python makes (by audit events: opened for writing, made, renamed, linked,
-removed, a program started), just before it, and each line of the updating modules when it is first reached, so that
-what was written and not yet flushed is torn. `kill` ends the child there by SIGKILL; `full` lets this change and all
-later ones find the disk full.
+A step is before each change of the disk by Python (audit events: opened for writing, created, renamed, linked, removed,
+program started), and at the first execution of each line of the update modules, when written data may not be flushed.
+`kill` ends the child at the step by SIGKILL; with `full` the disk is full from this change on.
 """
 
 import errno
@@ -24,14 +23,14 @@ from firmware_py.install.unit import Installation
 from firmware_py.install.update import Permissions
 
 CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.symlink", "os.chmod", "subprocess.Popen")
-FILLING = ("open", "os.mkdir", "os.symlink", "os.rename", "subprocess.Popen")  # what needs room
+FILLING = ("open", "os.mkdir", "os.symlink", "os.rename", "subprocess.Popen")  # changes that need space
 WRITING = os.O_WRONLY | os.O_RDWR
 TRACED = tuple(module.__file__ for module in (environment, program_link, self_check, update))
 PROGRAM = '#!/bin/sh\necho "steers {version}"\nexit {code}\n'
 
 
 def build(words, _held):
-    """In place of venv and pip: the tree that they make, from the one wheel of the autopilot."""
+    """Replacement of venv and pip: create their tree from the wheel of the autopilot."""
     if "venv" in words:
         path = Path(words[-1])
         (path / "bin").mkdir(parents=True)
@@ -45,7 +44,7 @@ def build(words, _held):
 
 
 def begin(place, bundle):
-    """A tree with an old program in force and a service of it."""
+    """Create a tree with an installed old program and its service."""
     place.mkdir()
     for name in ("bin", "opt", "state"):
         (place / name).mkdir()
@@ -61,18 +60,18 @@ def begin(place, bundle):
     (place / "rambler.service").write_text(build_unit(service))
 
 
-def update_it(place):
-    """Make the update; what is checked of the new program here is that it is there."""
+def run_update(place):
+    """Make the update; the self check only tests whether the new program exists."""
     environment._run = build
     environment.check_free_space = lambda *_: None
-    os.sync = lambda: None  # of all disks of this machine
+    os.sync = lambda: None  # it would sync all disks of the machine
     update.self_check = lambda candidate: iter([str(candidate.environment.program.stat().st_size)])
     installation = Installation(ProgramLink(place / "bin/rambler"), place / "boat.toml", place / "state")
     update.update(installation, place / "new.bundle", None, Permissions(), lambda _text: None)
 
 
 class Steps:
-    """Ends, or fails, at one step."""
+    """Counter of the steps, which ends the process or fails at a step."""
 
     def __init__(self, at, kind):
         self.at, self.kind, self.count, self.seen, self.busy = at, kind, 0, set(), False
@@ -103,14 +102,14 @@ class Steps:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def ended_at(place, at, kind):
-    """Update in a child that is ended at a step; return how: killed, refused, done."""
+def update_until(place, at, kind):
+    """Update in a child that ends at a step; return how it ended: killed, refused or done."""
     child = os.fork()
     if child == 0:
         code = 9
         try:
             Steps(at, kind).install()
-            update_it(place)
+            run_update(place)
             code = 0
         except (UpdateError, OSError):
             code = 2
@@ -120,8 +119,8 @@ def ended_at(place, at, kind):
     return "killed" if os.WIFSIGNALED(status) else {0: "done", 2: "refused"}.get(os.WEXITSTATUS(status), "crashed")
 
 
-def starts(place, count=4):
-    """Start the service again and again as its unit does; return what each start says."""
+def start_repeatedly(place, count=4):
+    """Start the service `count` times like its unit; return the output of each start."""
     output = []
     for _ in range(count):
         link, state = place / "bin/rambler", place / "state"
@@ -130,12 +129,12 @@ def starts(place, count=4):
             "/bin/sh",
             ["sh", "-c", 'exec sh "$@" >/dev/null 2>&1', "sh", str(place / "trial"), str(link), str(state)],
         )
-        output.append(said_by(link))
+        output.append(output_of(link))
     return output
 
 
-def said_by(program):
-    """What a program says when it runs, empty when it does not start."""
+def output_of(program):
+    """Return the output of a program; empty if it does not start."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -151,41 +150,40 @@ def said_by(program):
     return text if code == 0 else ""
 
 
-def modes(place):
-    """What of the program in force its service's user could not read."""
+def unreadable_paths(place):
+    """Return the paths of the installed program that the user of the service cannot read."""
     target = (place / "bin/rambler").resolve()
     return [str(path) for path in (target, *target.parents[:2]) if not path.stat().st_mode & stat.S_IROTH]
 
 
 def content_of(place):
-    """All that is in a tree, to know it again."""
+    """Return the content of a tree, to compare it with others."""
     paths = [path for path in sorted(place.rglob("*")) if path.is_symlink() or not path.is_dir()]
     return tuple((str(path), str(path.readlink()) if path.is_symlink() else path.read_bytes()) for path in paths)
 
 
-def after(place, how):
-    """What becomes of a tree in which an update has ended: the starts of its service, and the next update."""
-    outcome = {"starts": starts(place), "closed": modes(place)}
+def outcome_of(place, how):
+    """Return the outcome of an ended update: starts of the service, and result of the next update."""
+    outcome = {"starts": start_repeatedly(place), "closed": unreadable_paths(place)}
     if how != "done":
-        outcome["again"] = ended_at(place, -1, "kill")
-        outcome["starts again"] = starts(place, 2)
+        outcome["again"] = update_until(place, -1, "kill")
+        outcome["starts again"] = start_repeatedly(place, 2)
     return outcome | {"left": sorted(path.name for path in (place / "opt").iterdir())}
 
 
 def main(folder, bundle, kind, every="1"):
-    """Print a line of JSON for each step at which an update was ended, the last one for the update that was not.
+    """Print a line of JSON for each step at which an update was ended; the last line is for the complete update.
 
-    `every` is the distance between two steps that are tried. What becomes of a tree is found out once for trees that
-    are equal.
+    `every` is the distance between two tested steps. The outcome is determined only once for equal trees.
     """
-    place, known = Path(folder) / "place", {}
+    place, outcomes = Path(folder) / "place", {}
     for at in itertools.count(step=int(every)):
         begin(place, bundle)
-        how = ended_at(place, at, kind)
+        how = update_until(place, at, kind)
         content = (how, content_of(place))
-        if content not in known:
-            known[content] = after(place, how)
-        print(json.dumps({"at": at, "how": how, **known[content]}), flush=True)
+        if content not in outcomes:
+            outcomes[content] = outcome_of(place, how)
+        print(json.dumps({"at": at, "how": how, **outcomes[content]}), flush=True)
         shutil.rmtree(place)
         if how == "done":
             return

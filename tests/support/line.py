@@ -1,12 +1,11 @@
-"""A serial line in memory."""
+"""Serial lines in memory."""
 
 
 class FakeLine:
-    """A ByteLine whose far end is the test, or a device that answers at once.
+    """A ByteLine with the test or a device at the other end.
 
-    A device has `handle(data)`, which returns its answer. `noise` comes before every answer,
-    the next `lose_replies` answers are lost, `echo` sends back what is written, and a `full` line
-    takes nothing.
+    A device has `handle(data)`, which returns its reply at once. `noise` is received before each reply, the next
+    `lose_replies` replies are lost, with `echo` all written bytes are received, and a `full` line accepts no bytes.
     """
 
     def __init__(self, device=None, name="/dev/fake", baud=57600):
@@ -55,9 +54,9 @@ class FakeLine:
 
 
 class LateLine(FakeLine):
-    """A line behind an adapter that holds answers back: each comes `delay_s()` after its question, or never (None).
+    """A line with an adapter that delays each reply by `delay_s()`, or loses it (None), without a change of order.
 
-    The order stays. `now_s` is the test's to set, and `asked` says of each question with an answer when it was put.
+    The test sets `now_s`. `request_times_s` are the times of the requests with a reply.
     """
 
     def __init__(self, device, delay_s, baud=57600):
@@ -65,22 +64,22 @@ class LateLine(FakeLine):
         self.delay_s = delay_s
         self.now_s = 0.0
         self.request_times_s = []
-        self._under_way = []  # when there, bytes
+        self._delayed = []  # time of arrival, bytes
 
     def read(self):
-        while self._under_way and self._under_way[0][0] <= self.now_s:
-            self.inbox += self._under_way.pop(0)[1]
+        while self._delayed and self._delayed[0][0] <= self.now_s:
+            self.inbox += self._delayed.pop(0)[1]
         return super().read()
 
     def write(self, data):
-        before = len(self.inbox)
-        taken = super().write(data)
-        answer = bytes(self.inbox[before:])
-        del self.inbox[before:]
-        if answer:
+        size = len(self.inbox)
+        is_written = super().write(data)
+        reply = bytes(self.inbox[size:])
+        del self.inbox[size:]
+        if reply:
             self.request_times_s.append(self.now_s)
             delay_s = self.delay_s()
             if delay_s is not None:
-                earliest_s = self._under_way[-1][0] if self._under_way else 0.0
-                self._under_way.append((max(earliest_s, self.now_s + delay_s), answer))
-        return taken
+                earliest_s = self._delayed[-1][0] if self._delayed else 0.0
+                self._delayed.append((max(earliest_s, self.now_s + delay_s), reply))
+        return is_written

@@ -1,4 +1,4 @@
-"""A link on a transport in memory, before a request handler that records what it is asked."""
+"""A link on a transport in memory, with a request handler that records the requests."""
 
 import msgspec
 from pymavlink.dialects.v20 import common as mavlink
@@ -41,21 +41,21 @@ SNAPSHOT = Snapshot(
 )
 
 
-class DecidesTogether:
-    """Parameters that are set all together or not at all, one by one by `decide`."""
+class DecideTogether:
+    """Mixin: `decide_together` accepts all requests or none, with `decide` for each."""
 
     def decide_together(self, requests):
-        before, answer = self.values, Answer(Verdict.ACCEPTED)
+        previous, answer = self.values, Answer(Verdict.ACCEPTED)
         for request in requests:
             answer = self.decide(request)
             if answer.verdict is not Verdict.ACCEPTED:
-                self.values = before
+                self.values = previous
                 break
         return answer
 
 
-class FakeRequestHandler(DecidesTogether):
-    """Gives the scripted answer, keeps parameters, stores when reported to."""
+class FakeRequestHandler(DecideTogether):
+    """Request handler with a fixed answer, which stores parameters and plans."""
 
     def __init__(self):
         self.requests = []
@@ -117,7 +117,7 @@ class FakeRequestHandler(DecidesTogether):
 
 
 class MemoryTransport:
-    """Carries bytes in lists; one descriptor; correspondents named by strings."""
+    """Transport with lists of bytes and one descriptor; addresses are strings."""
 
     name = "memory"
 
@@ -134,7 +134,7 @@ class MemoryTransport:
     ):
         self.descriptor = descriptor
         self.served = tuple(addresses)
-        self.connected = ()  # by themselves
+        self.connected = ()  # peers that have connected to the boat
         self.dropped = []
         self.byte_rate = byte_rate
         self.has_radio_rates = has_radio_rates
@@ -180,11 +180,11 @@ class MemoryTransport:
 
 
 class MemoryVault:
-    """Keeps what it is given, in memory."""
+    """A vault in memory."""
 
     def __init__(self):
         self.contents = []
-        self.both = []  # whether nothing of what was before may be left
+        self.both = []  # whether both slots had to be written
         self.damage = ""
         self.at_once = True
         self.waiting = []
@@ -204,7 +204,7 @@ class MemoryVault:
 
 
 class Rig:
-    """An endpoint and a ground station that speaks through pymavlink."""
+    """An endpoint, and a ground station that uses pymavlink."""
 
     def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, start_events=(), **transport):
         self.vault = vault or MemoryVault()
@@ -218,16 +218,16 @@ class Rig:
             utc_s=lambda: self.utc_s,
             version=Version(0, 1, 0, "0123abcd", 77),
             vault=self.vault,
-            offer_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
+            offer_utc=lambda utc_s, now_s: self.offered_utc.append((utc_s, now_s)),
             storage=storage,
             start_events=start_events,
         )
-        self.heard_utc = []
+        self.offered_utc = []
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.now_s = 0.0
 
     def give(self, data, address="station"):
-        """Hand bytes to the link and let it answer; return what it said, decoded."""
+        """Let the link receive bytes; return the messages that it sends."""
         self.transport.inbox.append((address, data))
         self.endpoint.service(self.now_s, [self.transport.descriptor])
         while self.endpoint.busy:
@@ -235,11 +235,11 @@ class Rig:
         return self.replies()
 
     def tell(self, *messages, address="station"):
-        """Send messages to the link; return what it said."""
+        """Send messages to the link; return the messages that it sends."""
         return self.give(b"".join(self.frame(message) for message in messages), address)
 
     def prove(self, address="station"):
-        """Be heard once, and again in answer, as any peer that wants a place on a link that waits for strangers."""
+        """Send two heartbeats, the second after a reply, so that a link with peer slots accepts the address."""
         beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
         return [*self.tell(beat, address=address), *self.tell(beat, address=address)]
 
@@ -253,34 +253,34 @@ class Rig:
         return self.tell(mavlink.MAVLink_command_long_message(*target, number, confirmation, *values))
 
     def tick(self, **changes):
-        """Publish one tick; return what the link said."""
+        """Publish a tick; return the messages that the link sends."""
         self.tick_silently(**changes)
         return self.replies()
 
     def ticks(self, count):
-        """Publish some ticks; return what the link said in all of them."""
+        """Publish ticks; return the messages that the link sends in all of them."""
         return [message for _ in range(count) for message in self.tick()]
 
     def tick_silently(self, *, seconds=0.1, events=(), **changes):
-        """Publish one tick; `said` reports what the link said."""
+        """Publish a tick; `replies` returns the messages."""
         self.now_s += seconds
         snapshot = msgspec.structs.replace(SNAPSHOT, t_s=self.now_s, **changes)
         self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
 
     def replies(self, address=None):
-        """Return the data that was sent since the last call, decoded by pymavlink's own parser."""
+        """Return the messages that were sent since the last call, decoded by pymavlink."""
         sent, self.transport.sent = self.transport.sent, []
         decoder = mavlink.MAVLink(None)
         data = b"".join(data for to, data in sent if address in (None, to))
         return decoder.parse_buffer(data) or []
 
 
-UNASKED = 0xFFFF  # the index of a value that comes before the first heartbeat of an armed boat
+UNREQUESTED = 0xFFFF  # parameter index of values that are sent without a request
 
 
-def without_unasked(messages):
-    """Leave out what the boat reports of its arming checks by itself."""
-    return [message for message in messages if getattr(message, "param_index", None) != UNASKED]
+def without_unrequested(messages):
+    """Return the messages without parameter values that were not requested, such as those of arming checks."""
+    return [message for message in messages if getattr(message, "param_index", None) != UNREQUESTED]
 
 
 def of_type(messages, name):

@@ -1,7 +1,7 @@
-"""A boat alone for months, in one process: the real loop, power drivers, log and state; ship, servo, sun in figures.
+"""Simulation of months at sea in one process: with the loop, power drivers, log and state of the autopilot.
 
-The boat sails for some hours of each day, a tick a second. For the rest of the day it is at a mooring, disarmed, with
-its sensors off, a tick in fourteen seconds. A script defines the events and the faults that they explain.
+The boat sails for some hours of each day, with a tick each second. For the rest of the day it is at a mooring,
+disarmed, with its sensors off, and a tick every 14 s. A script defines the disturbances and the expected faults.
 """
 
 import errno
@@ -61,7 +61,7 @@ DAY_S = 86_400.0
 UTC_S = 1_785_542_400.0  # midnight, the first of August 2026
 SPARSE_HZ = 1.0 / 14.0
 PAGE_KIB = os.sysconf("SC_PAGE_SIZE") // 1024
-WARM_S = 120.0  # the compass is on before the boat departs
+WARM_UP_S = 120.0  # for which the compass is on before the departure
 SUPPLY = Supply(panel_w=26.0, clouds=0.55, battery_wh=400.0, load_w=4.0, charge=0.7)
 SETTINGS = {
     "LOOP_RATE_HZ": 1.0,
@@ -77,11 +77,11 @@ SLEW_RAD_S, SERVO_V, MOVING_A, HOLDING_A = radians(30.0), 12.0, 0.25, 0.015
 
 
 class PowerCutError(Exception):
-    """The float computer is without power from one moment to the next."""
+    """The computer loses its power."""
 
 
 class CrashError(Exception):
-    """Something in the program has failed."""
+    """The program fails with an exception."""
 
 
 RAISED = {"cut": PowerCutError, "crash": CrashError}
@@ -89,9 +89,9 @@ RAISED = {"cut": PowerCutError, "crash": CrashError}
 
 @dataclass(frozen=True)
 class Cause:
-    """What goes wrong from when to when, by the clock of the boat, and the faults that it explains."""
+    """A disturbed device, the times of the disturbance by the clock of the boat, and the faults that it causes."""
 
-    what: str
+    device: str
     begin_s: float
     end_s: float
     faults: frozenset
@@ -99,7 +99,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class End:
-    """An end of the autopilot: cut, crash or stop, and for how long the computer is off."""
+    """An end of the autopilot: cut, crash or stop, and the time for which the computer is off."""
 
     how: str
     at_s: float
@@ -107,17 +107,17 @@ class End:
 
 
 class Ship:
-    """Heading by Nomoto's equation, exactly, in two regular waves; the boat moves along its heading in a current."""
+    """Exact solution of Nomoto's equation, with two regular waves; the boat moves along its heading in a current."""
 
     def __init__(self):
         self.heading_rad = self.rate_rad_s = self.north_m = self.east_m = 0.0
         self.t_s = 0.0
 
     def step(self, rudder_rad, step_s):
-        part = -math.expm1(-step_s / T_S)
-        aim_rad_s = K_1_S * (rudder_rad + radians(2.0))
-        mean_rad_s = aim_rad_s + (self.rate_rad_s - aim_rad_s) * part * T_S / step_s
-        self.rate_rad_s += (aim_rad_s - self.rate_rad_s) * part
+        decayed = -math.expm1(-step_s / T_S)
+        steady_rad_s = K_1_S * (rudder_rad + radians(2.0))
+        mean_rad_s = steady_rad_s + (self.rate_rad_s - steady_rad_s) * decayed * T_S / step_s
+        self.rate_rad_s += (steady_rad_s - self.rate_rad_s) * decayed
         middle_rad = self.heading_rad + 0.5 * mean_rad_s * step_s
         self.heading_rad += mean_rad_s * step_s
         self.t_s += step_s
@@ -132,14 +132,14 @@ class Ship:
 
 
 class Gauge(VeDirectEmulator):
-    """A charger or monitor that measures at each call, over the time since the last call."""
+    """A charger or monitor that sends a measurement at each read, for the time since the previous read."""
 
     def output(self, now_s):
         return self._measure(now_s) if int(now_s) > int(self._previous[0]) else b""
 
 
 class World:
-    """Ship, servo, sun and the devices' bytes, up to a moment; a part that is in `dead` says nothing."""
+    """Ship, servo, power plant and devices, simulated up to a time; devices in `dead` send nothing."""
 
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
@@ -158,9 +158,9 @@ class World:
         while (step_s := min(1.0, now_s - self.t_s)) > 0.0:
             self.t_s += step_s
             if self.torque:
-                way_rad = min(max(self.target_rad - self.shaft_rad, -SLEW_RAD_S * step_s), SLEW_RAD_S * step_s)
-                self.shaft_rad += way_rad
-                moving_s = abs(way_rad) / SLEW_RAD_S
+                motion_rad = min(max(self.target_rad - self.shaft_rad, -SLEW_RAD_S * step_s), SLEW_RAD_S * step_s)
+                self.shaft_rad += motion_rad
+                moving_s = abs(motion_rad) / SLEW_RAD_S
                 self.servo_j += SERVO_V * (MOVING_A * moving_s + HOLDING_A * (step_s - moving_s))
             if self.under_way:
                 self.ship.step(self.shaft_rad, step_s)
@@ -168,7 +168,7 @@ class World:
 
 
 class Instrument:
-    """What all devices without bytes have in common."""
+    """Base class of devices without a byte protocol."""
 
     role = DeviceRole.COMPASS
     name = "compass"
@@ -180,12 +180,12 @@ class Instrument:
     def fileno(self):
         return -1
 
-    def speaks(self):
+    def is_sending(self):
         return self.name not in self.world.dead
 
     def receive(self, now_s):
         self.world.advance_to(now_s)
-        if self.speaks():
+        if self.is_sending():
             self.samples.append(self.sample(now_s))
 
     def poll(self):
@@ -193,28 +193,28 @@ class Instrument:
         return samples
 
     def health(self, now_s):
-        return DeviceHealth(now_s, self.role, DeviceState.RUNNING if self.speaks() else DeviceState.SILENT, 0, 0)
+        return DeviceHealth(now_s, self.role, DeviceState.RUNNING if self.is_sending() else DeviceState.SILENT, 0, 0)
 
 
 class Sensor(Instrument):
-    """What is switched off at the mooring."""
+    """Base class of devices that are off at the mooring."""
 
-    def speaks(self):
-        return self.world.under_way and super().speaks()
+    def is_sending(self):
+        return self.world.under_way and super().is_sending()
 
 
 class Compass(Sensor):
-    """A compass of 0.1 degrees with some noise."""
+    """A compass with noise and a resolution of 0.1 deg."""
 
     def sample(self, now_s):
         ship = self.world.ship
-        shown_rad = ship.heading_rad + ship.wave_rad() + radians(0.3) * self.world.rng.standard_normal()
-        shown_rad = round(shown_rad / radians(0.1)) * radians(0.1) % TWO_PI
-        return HeadingSample(now_s, shown_rad, NorthReference.TRUE, temperature_c=18.0)
+        reading_rad = ship.heading_rad + ship.wave_rad() + radians(0.3) * self.world.rng.standard_normal()
+        reading_rad = round(reading_rad / radians(0.1)) * radians(0.1) % TWO_PI
+        return HeadingSample(now_s, reading_rad, NorthReference.TRUE, temperature_c=18.0)
 
 
 class Receiver(Sensor):
-    """A receiver of satellites."""
+    """A satellite receiver."""
 
     role, name = DeviceRole.POSITION, "receiver"
 
@@ -228,7 +228,7 @@ class Receiver(Sensor):
 
 
 class Servo(Instrument):
-    """A servo whose current is the mean since it was asked last."""
+    """A servo that measures the mean current since the previous feedback."""
 
     role, name = DeviceRole.RUDDER, "servo"
 
@@ -247,12 +247,12 @@ class Servo(Instrument):
 
     def command(self, command, now_s):
         self.world.advance_to(now_s)
-        if self.speaks():
+        if self.is_sending():
             self.world.target_rad, self.world.torque = command.shaft_rad, command.torque_on
 
 
 class PowerLine(FakeLine):
-    """The line of a charger or monitor: what it has said by now is there to be read."""
+    """The line of a charger or monitor."""
 
     def __init__(self, world, device, name):
         super().__init__(name=name)
@@ -267,7 +267,7 @@ class PowerLine(FakeLine):
 
 
 class SimulatedDisk(LocalDisk):
-    """A disk whose files are of the boat's time, and which is full when the world says so."""
+    """A disk with file times by the clock of the boat, which is full if "disk" is in `World.dead`."""
 
     def __init__(self, world, retention_days):
         super().__init__(retention_days, lambda: UTC_S + world.t_s)
@@ -284,11 +284,11 @@ class SimulatedDisk(LocalDisk):
 
 
 class Clock:
-    """The boat's time: a wait lets the world move on, and `act` do what the script says."""
+    """Clock of the boat: a wait advances the world, and calls `act` for the script."""
 
     def __init__(self, world, begin_s):
         self.world, self.begin_s = world, begin_s
-        self._now_s = 0.0  # no difference, which may come out before the deadline by its last bit
+        self._now_s = 0.0  # not computed as a difference, which could be before the deadline by a rounding error
         self.act = lambda: None
         self.store = None
 
@@ -307,8 +307,8 @@ class Clock:
         return []
 
 
-class Shifted:
-    """A device as a run of the program sees it, whose clock restarts with each run."""
+class ShiftedDevice:
+    """A device with the times of a run of the program, whose clock starts at 0."""
 
     def __init__(self, device, begin_s):
         self._device, self._begin_s = device, begin_s
@@ -331,7 +331,7 @@ class Shifted:
 
 
 class Flows(NamedTuple):
-    """Watt-hours by the names of `rambler energy`."""
+    """Energies [Wh] with the names of `rambler energy`."""
 
     solar: float = 0.0
     load: float = 0.0
@@ -342,7 +342,7 @@ class Flows(NamedTuple):
     @classmethod
     def of(cls, totals):
         joules = (totals.charger_j, totals.load_j, totals.servo_j, totals.into_battery_j, totals.out_of_battery_j)
-        return cls(*(each / 3600.0 for each in joules))
+        return cls(*(energy_j / 3600.0 for energy_j in joules))
 
     def __add__(self, other):
         return Flows(*map(operator.add, self, other))
@@ -352,14 +352,14 @@ class Flows(NamedTuple):
 
 
 class Months:
-    """The boat over many days: `run` sails them; the truth and the costs of the process are recorded."""
+    """A boat over many days; `run` simulates them, and records true energies, memory and disk use."""
 
     def __init__(self, directory, days, sailing_s, causes=(), ends=(), seed=1):
         self.directory, self.days, self.sailing_s = directory, days, sailing_s
         self.causes, self.ends = causes, [*ends, End("stop", days * DAY_S)]
         self.world = World(seed)
         self.charge = array("d", bytes(8 * (int(days * 1440.0) + 1)))  # for each minute in which the autopilot ran
-        self.resident_kib = []  # of each run of the program, hour by hour
+        self.resident_kib = []  # for each run of the program, once an hour
         self.disk_bytes = array("q")
         self.truth = Flows()
         self.text_counts = Counter()
@@ -368,7 +368,7 @@ class Months:
     def run(self):
         for end in self.ends:
             self._run_until(end)
-            self.world.torque = False  # by the servo's own watchdog
+            self.world.torque = False  # by the watchdog of the servo
             self.world.advance_to(end.at_s + end.off_s)
         return self
 
@@ -379,7 +379,7 @@ class Months:
         begin_s, before = world.t_s, Flows.of(world.plant.totals)
         self.resident_kib.append(array("q"))
         with ExitStack() as opened:
-            parts = self._wired(begin_s, opened)
+            parts = self._assemble(begin_s, opened)
             parts.clock.act = lambda: self._act(parts, end)
             try:
                 run(parts, lambda: world.t_s >= end.at_s)
@@ -394,7 +394,7 @@ class Months:
         self.truth += Flows.of(world.plant.totals) - before
 
     def _act(self, parts, end):
-        """Do what the script says for now, before the tick."""
+        """Apply the script for the present time, before the tick."""
         world = self.world
         now_s = world.t_s
         self.ticks += 1
@@ -403,28 +403,28 @@ class Months:
                 raise RAISED[end.how](end.how)
             return
         time_s = now_s % DAY_S
-        world.under_way = DAY_S - time_s <= WARM_S or time_s < self.sailing_s
-        world.dead = frozenset(cause.what for cause in self.causes if cause.begin_s <= now_s < cause.end_s)
-        wanted = time_s < self.sailing_s
+        world.under_way = DAY_S - time_s <= WARM_UP_S or time_s < self.sailing_s
+        world.dead = frozenset(cause.device for cause in self.causes if cause.begin_s <= now_s < cause.end_s)
+        is_sailing = time_s < self.sailing_s
         state = parts.autopilot.state
-        if wanted != state.modes.armed and state.timing.started_s is not None:
-            mode = Mode.AUTO if wanted else Mode.HOLD
-            for intent in (Arm(armed=wanted), SetMode(mode)):
+        if is_sailing != state.modes.armed and state.timing.started_s is not None:
+            mode = Mode.AUTO if is_sailing else Mode.HOLD
+            for intent in (Arm(armed=is_sailing), SetMode(mode)):
                 parts.autopilot.decide(Request(parts.clock.now_s(), intent))
         minute = int(now_s // 60.0)
         if self.charge[minute] == 0.0:
             self.charge[minute] = world.plant.charge
-            parts.recorder.writer.work()  # which has a thread of its own for this at sea, and does it each second
+            parts.recorder.writer.work()  # at sea a thread does this each second
             if minute % 60 == 30:
-                self._look()
+                self._measure_costs()
 
-    def _look(self):
+    def _measure_costs(self):
         gc.collect()
         self.resident_kib[-1].append(int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_KIB)
         logs = self.directory / LOG_DIRECTORY
         self.disk_bytes.append(sum(path.stat().st_size for path in logs.rglob("*") if path.is_file()))
 
-    def _wired(self, begin_s, opened):
+    def _assemble(self, begin_s, opened):
         world, say = self.world, self._say
         clock = Clock(world, begin_s)
         store = clock.store = Store(self.directory)
@@ -461,9 +461,9 @@ class Months:
         parts = LoopParts(
             clock=clock,
             autopilot=autopilot,
-            compass=Shifted(Compass(world), begin_s),
-            position=with_corrected_times(Shifted(Receiver(world), begin_s), clock, self.directory, say),
-            rudder=Shifted(Servo(world), begin_s),
+            compass=ShiftedDevice(Compass(world), begin_s),
+            position=with_corrected_times(ShiftedDevice(Receiver(world), begin_s), clock, self.directory, say),
+            rudder=ShiftedDevice(Servo(world), begin_s),
             power=(charger, SecondSensor(monitor, DeviceRole.POWER_B)),
             link=endpoint,
             recorder=recorder,
@@ -480,11 +480,11 @@ class Months:
         self.text_counts[text] += 1
 
 
-def sparse(world):
-    """Return a tick_timer for the loop with one tick in fourteen seconds at the mooring."""
+def sparse_timer(world):
+    """Return a tick timer for the loop, with a tick every 14 s at the mooring."""
 
-    class SparseMetronome(TickTimer):
+    class SparseTimer(TickTimer):
         def set_rate(self, rate_hz):
             super().set_rate(rate_hz if world.under_way else SPARSE_HZ)
 
-    return SparseMetronome
+    return SparseTimer

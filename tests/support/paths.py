@@ -1,15 +1,15 @@
-"""Where the tests find things."""
+"""Paths of test data, and reading of logs."""
 
 import gzip
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT / "tests" / "data"  # recordings of real devices; its README says where each is from
-REPLAY = ROOT / "tests" / "replay" / "data"  # logs of versions before
+DATA = ROOT / "tests" / "data"  # recordings of real devices; its README states their origin
+REPLAY = ROOT / "tests" / "replay" / "data"  # logs of earlier versions
 
 
 def log_bytes(state, number):
-    """A log of the state directory as it was written, compressed by now or not."""
+    """Return the content of a log in a state directory, decompressed if necessary."""
     plain = state / "logs" / f"{number:08d}.BIN"
     try:
         return plain.read_bytes()

@@ -1,4 +1,4 @@
-"""Missions at metres from the start of every run."""
+"""Plans with positions in metres from the start of the simulated runs."""
 
 import math
 
@@ -13,13 +13,13 @@ START_RAD = (radians(36.0), radians(121.0))
 
 
 def placed(north_m, east_m):
-    """Latitude and longitude of a place north and east of the start."""
+    """Return latitude and longitude [rad] of a position north and east of the start."""
     latitude_rad = START_RAD[0] + north_m / EARTH_M
     return latitude_rad, START_RAD[1] + east_m / (EARTH_M * math.cos(START_RAD[0]))
 
 
 def item(command, north_m=None, east_m=None, *params, autocontinue=True):
-    """A mission item, at metres from the start."""
+    """Return a mission item with a position in metres from the start."""
     x = y = 0
     if north_m is not None:
         x, y = (round(math.degrees(angle) * 1e7) for angle in placed(north_m, east_m))
@@ -32,12 +32,12 @@ def mission(*items):
 
 
 def mission_file(*items):
-    """The name and content of the file that a state directory keeps a mission in."""
+    """Return name and content of the mission file in a state directory."""
     return PLAN_FILES[PlanKind.MISSION], plan_to_text(mission(*items).mission)
 
 
 def save_plans(directory, plans):
-    """Keep plans, items by their kind, in a state directory; return it."""
+    """Write plans, given as items by kind, to a state directory; return the directory."""
     store = Store(directory)
     for kind, items in plans.items():
         store.save(PLAN_FILES[kind], plan_to_text(Plan.of(kind, items)).encode())
@@ -45,8 +45,8 @@ def save_plans(directory, plans):
     return directory
 
 
-# A fence about the start of every run: 200 m to south and west, 400 to north and east, two pieces left out of it.
-FENCED = (
+# Fence around the start: 200 m to south and west, 400 m to north and east, with two excluded areas.
+FENCE_ITEMS = (
     *(item(5001, north_m, east_m, 4) for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))),
     *(item(5002, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
     item(5004, -100, -100, 30),

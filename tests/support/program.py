@@ -1,4 +1,4 @@
-"""Programs as processes of their own, read as they talk and ended whatever has happened."""
+"""Programs as processes, whose output is searched, and which are ended in any case."""
 
 import os
 import re
@@ -10,26 +10,26 @@ from pathlib import Path
 from support.paths import ROOT
 from support.station import PATIENCE_S, fail
 
-LOOK_S = 0.05
+POLL_INTERVAL_S = 0.05
 
 
 def unused_ports(kinds):
     """Return unused ports, one for each kind of link, all different."""
-    held = [
+    sockets = [
         socket.socket(socket.AF_INET, socket.SOCK_STREAM if kind.startswith("tcp") else socket.SOCK_DGRAM)
         for kind in kinds
     ]
     try:
-        for one in held:
-            one.bind(("127.0.0.1", 0))
-        return [one.getsockname()[1] for one in held]
+        for opened in sockets:
+            opened.bind(("127.0.0.1", 0))
+        return [opened.getsockname()[1] for opened in sockets]
     finally:
-        for one in held:
-            one.close()
+        for opened in sockets:
+            opened.close()
 
 
 class Program:
-    """A process with its output in a file; a timeout shows the last lines of it."""
+    """A process with its output in a file; the error of a time-out contains the last lines of it."""
 
     def __init__(self, name, command, directory, *, cwd=ROOT, env=None):
         self._name = name
@@ -52,29 +52,31 @@ class Program:
         return self._process.poll() is None
 
     def say(self, line):
-        """Type a line; what `expect` finds from now on came after it."""
+        """Write a line to its standard input; `expect` searches only output after it."""
         self._mark = len(self.text())
         self._process.stdin.write(line.encode() + b"\n")
         self._process.stdin.flush()
 
     def expect(self, pattern):
-        """Wait until it has written something, and go on behind that."""
-        found = self.wait_for(lambda: re.compile(pattern).search(self.text(), self._mark), f"{pattern!r} was not said")
-        self._mark = found.end()
-        return found
+        """Wait until the output matches a pattern; the next search starts after the match."""
+        match = self.wait_for(
+            lambda: re.compile(pattern).search(self.text(), self._mark), f"{pattern!r} was not written"
+        )
+        self._mark = match.end()
+        return match
 
-    def wait_for(self, look, complaint):
-        """Wait for something that the running program brings about."""
-        give_up_s = time.monotonic() + PATIENCE_S
+    def wait_for(self, condition, complaint):
+        """Wait until `condition` returns a true value, and return it; fail if the program ends before."""
+        deadline_s = time.monotonic() + PATIENCE_S
         while True:
-            ended = not self.running()
-            if found := look():
-                return found
-            if ended:
+            has_ended = not self.running()
+            if value := condition():
+                return value
+            if has_ended:
                 self.fail(f"{complaint}, and the program has ended with code {self._process.returncode}")
-            if time.monotonic() > give_up_s:
+            if time.monotonic() > deadline_s:
                 self.fail(f"{complaint} within {PATIENCE_S:g} s")
-            time.sleep(LOOK_S)
+            time.sleep(POLL_INTERVAL_S)
 
     def fail(self, complaint):
         fail(self._directory, f"{self._name}: {complaint}")
@@ -83,11 +85,11 @@ class Program:
         self._process.send_signal(number)
 
     def hang_up(self):
-        """Close its standard input."""
+        """Close the standard input of the program."""
         self._process.stdin.close()
 
     def exit_code(self, patience_s=PATIENCE_S):
-        """Wait for its end."""
+        """Wait for the end of the program; return its exit code."""
         try:
             return self._process.wait(patience_s)
         except subprocess.TimeoutExpired:
@@ -95,7 +97,7 @@ class Program:
         return self.fail(f"it has not ended within {patience_s:g} s")
 
     def close(self):
-        """Leave nothing behind, whatever has happened."""
+        """Kill the program if it is still running."""
         if self.running():
             self._process.kill()
         self._process.wait()
@@ -103,13 +105,13 @@ class Program:
 
 
 def assert_no_process_left(path):
-    """No process has this path on its command line: neither HIL nor autopilot."""
-    left = []
+    """Fail if a process has this path in its command line."""
+    commands = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            words = entry.read_bytes()
-        except OSError:  # it has ended in between
+            command = entry.read_bytes()
+        except OSError:  # the process has ended
             continue
-        if os.fsencode(path) in words:
-            left.append(words.replace(b"\0", b" ").decode(errors="replace"))
-    assert left == []
+        if os.fsencode(path) in command:
+            commands.append(command.replace(b"\0", b" ").decode(errors="replace"))
+    assert commands == []

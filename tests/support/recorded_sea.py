@@ -1,4 +1,4 @@
-"""Recordings as a logger of a small wave-propelled vessel makes them, with the truth beside: for `estimate`."""
+"""Synthetic recordings of a small wave-propelled vessel with their true heading, for `rambler-hil estimate`."""
 
 import math
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ K, T, SPEED_M_S, CURRENT_M_S = 0.049, 4.0, 0.5, 0.15
 
 
 def coloured(rng, sd, period_s, damping, count):
-    """Noise of a second-order system with this period and damping, of this standard deviation."""
+    """Return noise of a second-order system with this standard deviation, period and damping."""
     from scipy.signal import cont2discrete, lfilter  # noqa: PLC0415 - takes a second to import
 
     omega = 2.0 * math.pi / period_s
@@ -21,7 +21,7 @@ def coloured(rng, sd, period_s, damping, count):
     return sd * noise / np.std(noise)
 
 
-def wandering(rng, sd, memory_s, count):
+def random_bias(rng, sd, memory_s, count):
     from scipy.signal import lfilter  # noqa: PLC0415 - takes a second to import
 
     keep = math.exp(-FINE_S / memory_s)
@@ -29,27 +29,27 @@ def wandering(rng, sd, memory_s, count):
 
 
 def sea(seconds=400.0, rate_hz=2.0, diffusion=2.0, wave_deg=1.1, seed=1, leg_s=200.0):
-    """Return a recording's columns by name, and the heading of the hull without wave yaw.
+    """Return the columns of a recording by name, the heading without wave yaw, and the goal.
 
-    A proportional controller turns the goal by 60 deg every leg. diffusion: of the heading, deg^2/s.
+    A proportional controller steers, and its goal turns by 60 deg every leg. `diffusion`: of the heading [deg^2/s].
     """
     rng, count = np.random.default_rng(seed), int(seconds / FINE_S)
     wave = coloured(rng, math.radians(wave_deg), 2.5, 0.18, count)
-    bias = math.radians(3.0) + wandering(rng, math.radians(2.0), 900.0, count)
-    kicks = math.radians(math.sqrt(diffusion)) / T * math.sqrt(FINE_S) * rng.standard_normal(count)
+    bias = math.radians(3.0) + random_bias(rng, math.radians(2.0), 900.0, count)
+    disturbances = math.radians(math.sqrt(diffusion)) / T * math.sqrt(FINE_S) * rng.standard_normal(count)
     psi, rate, rudder, rows = 0.5, 0.0, 0.0, []
-    every, held = round(1.0 / rate_hz / FINE_S), round(0.5 / FINE_S)
+    row_steps, steering_steps = round(1.0 / rate_hz / FINE_S), round(0.5 / FINE_S)
     north = east = 0.0
     for step in range(count):
         now_s = step * FINE_S
         goal = 0.5 + math.radians(60.0) * (now_s // leg_s)
-        if step % held == 0:
+        if step % steering_steps == 0:
             error = math.remainder(goal - psi - wave[step], math.tau)
             rudder = float(np.clip(1.15 * error + math.radians(3.0), -0.52, 0.52))
         velocity = (SPEED_M_S * math.cos(psi) + CURRENT_M_S, SPEED_M_S * math.sin(psi))
-        if step % every == 0:
+        if step % row_steps == 0:
             rows.append((now_s, psi, wave[step], rudder, north, east, *velocity, goal))
-        rate += FINE_S * (K * (rudder - bias[step]) - rate) / T + kicks[step]
+        rate += FINE_S * (K * (rudder - bias[step]) - rate) / T + disturbances[step]
         psi += FINE_S * rate
         north, east = north + FINE_S * velocity[0], east + FINE_S * velocity[1]
     time_s, hull, waves, rudder, north, east, v_north, v_east, goal = np.array(rows).T

@@ -1,4 +1,4 @@
-"""A boat at sea in one process: the tick, the ship and its sensors without ports, thousands of times real time."""
+"""A simulated boat in one process: tick, ship and sensors without ports, thousands of times faster than real time."""
 
 import dataclasses
 import functools
@@ -42,14 +42,14 @@ SLEW_RAD_S = radians(30.0)
 COUNT_RAD = TWO_PI / 4096.0
 RESOLUTION_RAD, NOISE_RAD = radians(0.1), radians(0.3)  # of the compass
 FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
-AT_ONCE = Receiver(latency_s=0.0, lost=0.0, filter_s=0.0, noise_m_s=VELOCITY_NOISE_M_S)
+IDEAL_RECEIVER = Receiver(latency_s=0.0, lost=0.0, filter_s=0.0, noise_m_s=VELOCITY_NOISE_M_S)
 
 
 class TickHull:
-    """hil.ship.hull.Hull on a grid of one tick, of the same parts; test_rig.py holds the two together."""
+    """hil.ship.hull.Hull with the same parts and steps of one tick; test_rig.py compares both."""
 
     def __init__(self, scenario, seed):
-        assert scenario.disturbances == NO_DISTURBANCES, "the disturbances of a sea are FineHull's"
+        assert scenario.disturbances == NO_DISTURBANCES, "disturbances need FineHull"
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
         bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
         self.plant = KtPlant(scaled._replace(rudder_offset_rad=bias_rad), STEP_S)
@@ -59,8 +59,8 @@ class TickHull:
         self.gusts = Gusts(radians(scenario.gust_deg), STEP_S, generator(seed, Stream.GUSTS))
         along_rad, orbital = radians(scenario.waves_toward_deg), NormalNumbers(generator(seed, Stream.ORBIT))
         self.orbit = Orbit(scenario.orbital_m_s, scenario.wave_period_s, along_rad, STEP_S, orbital)
-        toward_rad = radians(scenario.current_toward_deg)
-        tide = Tide(scenario.current_m_s, toward_rad, scenario.tide_s, scenario.tide_rotary)
+        direction_rad = radians(scenario.current_toward_deg)
+        tide = Tide(scenario.current_m_s, direction_rad, scenario.tide_s, scenario.tide_rotary)
         self.track = PlanarMotion(scenario.speed_m_s, tide)
         self.t_s = 0.0
         self.rudder_rad = 0.0
@@ -99,7 +99,7 @@ class TickHull:
 
 
 class FineHull(Hull):
-    """The hull itself with all disturbances, five steps of its grid at a time; the rudder moves evenly in between."""
+    """The hull with all disturbances, in five steps of its grid; the rudder moves linearly between two ticks."""
 
     def __init__(self, scenario, seed):
         super().__init__(scenario, OCEAN_RAMBLER, seed)
@@ -112,7 +112,7 @@ class FineHull(Hull):
 
 
 class Sailing:
-    """Ship, sea, compass at 10 Hz, receiver at 1 Hz and servo around step(); metres from the start."""
+    """The tick with ship, sea, compass at 10 Hz, receiver at 1 Hz and servo; positions in metres from the start."""
 
     def __init__(self, scenario, seed=1, plans=None, hull=TickHull, **parameters):
         values = ParameterSet()
@@ -127,16 +127,16 @@ class Sailing:
         self.index = 0
         self.rudder_rad = self.target_rad = 0.0
         self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
-        self.fix_every = 10  # ticks
-        self.receiver = scenario.disturbances.receiver or AT_ONCE
+        self.fix_ticks = 10  # ticks
+        self.receiver = scenario.disturbances.receiver or IDEAL_RECEIVER
         self.gaps = Gaps(self.receiver.lost, self.receiver.gap_s, generator(seed, Stream.GAPS))
         self.velocity_m_s = None
-        self.late = [()] * round(self.receiver.latency_s / STEP_S)
+        self.delayed_fixes = [()] * round(self.receiver.latency_s / STEP_S)
         self.jump_m = (0.0, 0.0)
         self.events = []
         self.inputs = []
         self.keep_inputs = False
-        self.vessels_at = lambda _t_s: ()  # what AIS gives in a tick
+        self.vessels_at = lambda _t_s: ()  # AIS reports of a tick
         self.snapshot = None
         self.track = []  # (t_s, north_m, east_m, heading_low_rad) each second
 
@@ -168,8 +168,8 @@ class Sailing:
         self.snapshot = output.snapshot
         self.events += [(t_s, event.text) for event in output.events]
         self.target_rad = output.command.shaft_rad
-        most_rad = SLEW_RAD_S * STEP_S
-        self.rudder_rad += min(max(self.target_rad - self.rudder_rad, -most_rad), most_rad)
+        max_step_rad = SLEW_RAD_S * STEP_S
+        self.rudder_rad += min(max(self.target_rad - self.rudder_rad, -max_step_rad), max_step_rad)
         self.hull.step(self.rudder_rad)
         self.index += 1
         if self.index % 10 == 0:
@@ -177,23 +177,23 @@ class Sailing:
         return output
 
     def fixes(self):
-        """Return the fix that arrives now, if one does: sampled earlier, with the present time."""
+        """Return the fix that arrives in this tick, if any; it was sampled earlier, and has the present time."""
         now_m_s = np.array(self.hull.velocity_in_waves_m_s(0.0))
-        before_m_s = now_m_s if self.velocity_m_s is None else self.velocity_m_s
-        part = -math.expm1(-STEP_S / self.receiver.filter_s) if self.receiver.filter_s > 0.0 else 1.0
-        self.velocity_m_s = before_m_s + part * (now_m_s - before_m_s)
-        self.late.append((self.fix(),) if self.index % self.fix_every == 0 else ())
-        come = self.late.pop(0)
-        return tuple(replace(fix, t_s=self.t_s, utc_s=UTC_S + self.t_s) for fix in come if fix is not None)
+        previous_m_s = now_m_s if self.velocity_m_s is None else self.velocity_m_s
+        gain = -math.expm1(-STEP_S / self.receiver.filter_s) if self.receiver.filter_s > 0.0 else 1.0
+        self.velocity_m_s = previous_m_s + gain * (now_m_s - previous_m_s)
+        self.delayed_fixes.append((self.fix(),) if self.index % self.fix_ticks == 0 else ())
+        arrived = self.delayed_fixes.pop(0)
+        return tuple(replace(fix, t_s=self.t_s, utc_s=UTC_S + self.t_s) for fix in arrived if fix is not None)
 
     def fix(self):
-        keep = math.exp(-0.1 * self.fix_every / FIX_MEMORY_S)
-        self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
+        decay = math.exp(-0.1 * self.fix_ticks / FIX_MEMORY_S)
+        self.fix_error_m = decay * self.fix_error_m + math.sqrt(1.0 - decay**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
         north_m, east_m = self.hull.position_in_waves_m(0.0)
         v_north, v_east = map(float, self.velocity_m_s + self.rng.normal(0.0, self.receiver.noise_m_s, 2))
         if self.gaps.is_gap(self.t_s):
             return None
-        error_north_m, error_east_m = (float(part) for part in np.add(self.fix_error_m, self.jump_m))
+        error_north_m, error_east_m = map(float, np.add(self.fix_error_m, self.jump_m))
         place = placed(float(north_m) + error_north_m, float(east_m) + error_east_m)
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),
@@ -207,8 +207,8 @@ class Sailing:
                 break
         return self
 
-    def under_way(self, mode, *intents):
-        """Arm and enter a mode once there is a heading and a position."""
+    def get_under_way(self, mode, *intents):
+        """Wait for heading and position, then arm and enter a mode."""
         self.run(1.5)
         self.tick(Arm(armed=True), SetMode(mode), *intents)
         assert (self.state.modes.mode, self.state.modes.armed) == (mode, True), self.events
@@ -220,17 +220,17 @@ class Sailing:
 
 @functools.cache
 def on_a_mission():
-    """The boat on the second leg of a mission; not to be sailed on."""
+    """Return a boat on the second leg of a mission; it is shared and must not be changed."""
     legs = mission(item(16, 10.0, 0.0, 0, 5), item(16, 300.0, 0.0, 0, 5), item(16, 300.0, 300.0, 0, 5))
-    boat = Sailing(sea(), plans=legs).under_way(Mode.AUTO)
+    boat = Sailing(sea(), plans=legs).get_under_way(Mode.AUTO)
     return boat.run(120.0, until=lambda boat: boat.state.guidance.mission.index == 1).run(10.0)
 
 
 def sea(name="calm", **changes):
-    """A sea of the table, changed."""
+    """Return a scenario of the table with changes."""
     return dataclasses.replace(find_scenario(name), **changes)
 
 
 def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
-    """A sea of its own."""
+    """Return a scenario that is not in the table."""
     return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)

@@ -1,4 +1,4 @@
-"""A boat's link by satellite before an emulated modem and network, in simulated time; and the shore's side of a key."""
+"""A satellite link with an emulated modem and network in simulated time, and messages with the key of the shore."""
 
 import hashlib
 import hmac
@@ -23,7 +23,7 @@ EPOCH_S = 1_420_070_400
 
 
 class ModemLine:
-    """A ByteLine whose far end is an emulated device."""
+    """A ByteLine with an emulated device at the other end."""
 
     name = "/dev/ttyModem"
     connected = True
@@ -47,7 +47,7 @@ class ModemLine:
 
 
 class SatelliteBoat:
-    """An endpoint with an sbd link and a link beside it, turned by `run`."""
+    """An endpoint with a satellite link and another link; `run` advances the time."""
 
     def __init__(self, *, key=None, vault=None, parameters=(), seed=1, options="", **network):
         self.network = IridiumNetwork(np.random.default_rng(seed), **network)
@@ -87,11 +87,11 @@ class SatelliteBoat:
         self._publish(events)
 
     def run(self, seconds, idle_s=None):
-        """Let time pass; with `idle_s` in longer steps while the modem is idle."""
+        """Advance the time; while the modem is idle, in steps of `idle_s` if it is set."""
         self.run_to(self.now_s + seconds, idle_s)
 
     def run_to(self, end_s, idle_s=None, step_s=0.5):
-        """Let time pass up to a moment, and to the end of the last step."""
+        """Advance the time to end_s, in whole steps."""
         while self.now_s < end_s:
             busy = idle_s is None or not self.transport._driver.modem.is_ready or self.line.waiting
             self.now_s += step_s if busy else idle_s
@@ -108,13 +108,13 @@ class SatelliteBoat:
         self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
 
     def delivered(self):
-        """Return the frames that have arrived ashore since the last call, by pymavlink's own parser."""
+        """Return the frames that have arrived on shore since the last call, decoded by pymavlink."""
         messages = [message for _, _, message in self.network.delivered]
         self.network.delivered.clear()
         return [frame for message in messages for frame in mavlink.MAVLink(None).parse_buffer(message) or ()]
 
     def keyed(self, message, *, at_s=None, number=None, key=KEY, imei=None, system=255):
-        """Return a message ashore in the short form, written by hand from its description."""
+        """Return the short form of a message of the shore, encoded independently from its description."""
         written_s = self.start_utc_s + (self.now_s if at_s is None else at_s)
         number = int((written_s - EPOCH_S) * 100) if number is None else number
         frame = message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=190))

@@ -1,4 +1,4 @@
-"""A boat on a mission whose autopilot is a service: what it does between two starts is seen on the servo's line."""
+"""A boat on a mission with the autopilot as a service; frames on the servo line show the time between two starts."""
 
 import math
 import os
@@ -11,9 +11,9 @@ from firmware_py.install.service_files import TRIAL, Service, build_trial_script
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.slots import read_content
 from hil.bench.rig import GoalRecorder
-from support.asking_station import AskingStation, answered
 from support.paths import ROOT
 from support.plans import item
+from support.retrying_station import RetryingStation, send_once
 from support.service_manager import ServiceManager
 
 SETTINGS = {"BOOT_RESUME": 2, "WP_RADIUS": 5.0, "CLK_SET": 0}
@@ -25,7 +25,7 @@ PATIENCE_S = 45.0
 
 
 class GoalTap:
-    """Between the servo and its line: notes when each whole goal frame had come, in monotonic time."""
+    """Observer of the servo line: stores the monotonic time of each complete goal frame."""
 
     def __init__(self, servo):
         self._receive, servo.receive = servo.receive, self._take
@@ -37,9 +37,9 @@ class GoalTap:
         self._receive(now_s, data)
 
     def first_after(self, t_s):
-        """When the first frame after a moment came; it is waited for."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < give_up_s:
+        """Wait for the first frame after t_s; return its time."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline_s:
             if self.times_s and self.times_s[-1] > t_s:
                 return next(frame_s for frame_s in self.times_s if frame_s > t_s)
             time.sleep(0.005)
@@ -47,10 +47,10 @@ class GoalTap:
 
 
 class ServiceBoat:
-    """A boat on a mission whose autopilot is a service."""
+    """A boat on a mission with the autopilot as a service."""
 
     def __init__(self, boat, program=(sys.executable, "-m", "firmware_py"), environment=()):
-        self.boat, self.goals, self.station = boat, GoalTap(boat.servo), AskingStation()
+        self.boat, self.goals, self.station = boat, GoalTap(boat.servo), RetryingStation()
         port = self.station.connect()
         vehicle = boat.directory / "boat.toml"
         vehicle.write_text(vehicle.read_text() + f'[link]\nurls = ["udpin:127.0.0.1:{port}"]\n')
@@ -66,16 +66,16 @@ class ServiceBoat:
         self.manager = ServiceManager(unit, self.runtime, self.log, more)
         self.number = 1
 
-    def under_way(self):
-        """Arm, begin the mission, and go to its first item."""
+    def get_under_way(self):
+        """Arm, start the mission, and steer to its first item."""
         self.goals.first_after(0.0)
         give_up_s = time.monotonic() + PATIENCE_S
         while not (self.order(SET_MODE, 1.0, float(AUTO)) and self.order(ARM, 1.0, 21196.0)):
-            assert time.monotonic() < give_up_s  # it wants a heading and a place
+            assert time.monotonic() < give_up_s  # it is refused without heading and position
         self.go_to(1)
 
     def order(self, number, *values):
-        steps = answered(self.station, self.station.command(number, *values), number)
+        steps = send_once(self.station, self.station.command(number, *values), number)
         while True:
             try:
                 next(steps)
@@ -86,16 +86,16 @@ class ServiceBoat:
         assert self.order(SET_CURRENT, float(number))
         self.number = number
 
-    def assert_as_before(self):
-        """Mode, arming, goal and item are what they were when the run before has ended."""
+    def assert_state_kept(self):
+        """Assert that mode, arming, goal and item are those at the end of the previous run."""
         beat = self.station.request(HEARTBEAT)
         assert (beat.custom_mode, beat.base_mode & ARMED) == (AUTO, ARMED), self.log.read_text()[-2000:]
         assert self.station.request(CURRENT).seq == self.number
         target, wanted = self.station.request(TARGET), ITEMS[self.number - 1]
         assert (target.lat_int, target.lon_int) == (wanted.x, wanted.y)
 
-    def runs(self, count):
-        """Wait until so many runs have begun; return the last one."""
+    def wait_for_runs(self, count):
+        """Wait until this number of runs has started; return the last one."""
         give_up_s = time.monotonic() + PATIENCE_S
         while len(self.manager.runs) < count:
             assert time.monotonic() < give_up_s, self.log.read_text()[-2000:]
@@ -105,9 +105,9 @@ class ServiceBoat:
     def endings(self):
         return from_bytes(read_content(self.boat.state, ENDINGS_FILE))[0]
 
-    def disturbed(self, disturb):
-        """Disturb the running service; return the run that was ended, the next one, and when its first frame came."""
+    def disturb_run(self, disturb):
+        """Disturb the running service; return the ended run, the next run, and the time of its first frame."""
         count = len(self.manager.runs)
         disturb(self.manager.runs[-1].pid)
-        after = self.runs(count + 1)
+        after = self.wait_for_runs(count + 1)
         return self.manager.runs[-2], after, self.goals.first_after(after.begun_s)

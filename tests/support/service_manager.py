@@ -1,7 +1,7 @@
-"""A stand-in for systemd: it runs a unit by the unit's own rules, on a notify socket, where no systemd can be booted.
+"""Replacement for systemd: runs the service of a unit by the settings of the unit, with a notify socket.
 
-Of systemd.service(5): Type=notify, Restart=always with RestartSec and RestartPreventExitStatus, WatchdogSec with
-SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStartPre, ExecStopPost with what it is variables.
+Settings of systemd.service(5): Type=notify, Restart=always with RestartSec and RestartPreventExitStatus, WatchdogSec
+with SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStartPre, ExecStopPost with its variables.
 """
 
 import os
@@ -16,33 +16,33 @@ import threading
 import time
 from dataclasses import dataclass
 
-LOOK_S = 0.005
+POLL_INTERVAL_S = 0.005
 UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 
 
 @dataclass
 class Run:
-    """One run of the service: monotonic times, and how it ended."""
+    """A run of the service: monotonic times and result."""
 
     pid: int
     begun_s: float
     ready_s: float | None = None
-    alarm_s: float | None = None  # the watchdog's
+    alarm_s: float | None = None  # time of the abort by the watchdog or a time-out
     ended_s: float | None = None
     result: str = ""
     status: str = ""
 
 
 def parse(text):
-    """The settings of a unit by section and name; the last one of a name counts, as it does for single values."""
-    found, section = {}, None
+    """Return the settings of a unit by section and name; the last value of a name applies."""
+    sections, section = {}, None
     for line in text.splitlines():
         if match := re.fullmatch(r"\[(\w+)\]", line):
-            section = found.setdefault(match[1], {})
+            section = sections.setdefault(match[1], {})
         elif line and not line.startswith(("#", ";")):
             name, value = line.split("=", 1)
             section[name] = value
-    return found
+    return sections
 
 
 def seconds(text):
@@ -55,7 +55,7 @@ def words(command):
 
 
 class ServiceManager:
-    """Keeps the service of a unit running until it is closed; a context."""
+    """A context that keeps the service of a unit running."""
 
     def __init__(self, unit, runtime, log, environment=()):
         settings = parse(unit)
@@ -63,7 +63,7 @@ class ServiceManager:
         assert (self.service["Type"], self.service["Restart"]) == ("notify", "always")
         assert settings["Unit"]["StartLimitIntervalSec"] == "0"
         self.runs = []
-        self.signs_s = []  # of life
+        self.watchdog_times_s = []  # of WATCHDOG=1 messages
         self.status = ""
         self._stopping = threading.Event()
         self._address = "\0rambler-test-" + secrets.token_hex(8)
@@ -91,18 +91,18 @@ class ServiceManager:
         self._log.close()
 
     def _keep(self):
-        kept_from_it = self.service["RestartPreventExitStatus"].split()
+        final_statuses = self.service["RestartPreventExitStatus"].split()
         while not self._stopping.is_set():
             run = self._run()
-            if run.result != "watchdog" and run.status in kept_from_it:
+            if run.result != "watchdog" and run.status in final_statuses:
                 return
             self._stopping.wait(seconds(self.service["RestartSec"]))
 
     def _run(self):
         while select.select([self._socket], [], [], 0)[0]:
-            self._socket.recv(4096)  # of the run before
-        before = words(self.service["ExecStartPre"])
-        subprocess.run(before, env=self._environment, stdout=self._log, stderr=self._log, check=False)
+            self._socket.recv(4096)  # a message of the previous run
+        pre_command = words(self.service["ExecStartPre"])
+        subprocess.run(pre_command, env=self._environment, stdout=self._log, stderr=self._log, check=False)
         begun_s = time.monotonic()
         process = subprocess.Popen(
             words(self.service["ExecStart"]), env=self._environment, stdin=subprocess.DEVNULL, stdout=self._log,
@@ -124,14 +124,14 @@ class ServiceManager:
     def _watch(self, process, run):
         due_s = run.begun_s + seconds(self.service["TimeoutStartSec"])
         watchdog_s = seconds(self.service["WatchdogSec"])
-        stop_s = None  # since when it is to end
+        stop_s = None  # start of the stop
         while process.poll() is None:
-            if select.select([self._socket], [], [], LOOK_S)[0]:
+            if select.select([self._socket], [], [], POLL_INTERVAL_S)[0]:
                 lines = self._socket.recv(4096).decode().splitlines()
                 if "READY=1" in lines:
                     run.ready_s = time.monotonic()
                 if "WATCHDOG=1" in lines:
-                    self.signs_s.append(time.monotonic())
+                    self.watchdog_times_s.append(time.monotonic())
                     due_s = time.monotonic() + watchdog_s
                 if "STOPPING=1" in lines and stop_s is None:
                     stop_s = time.monotonic()
@@ -148,7 +148,7 @@ class ServiceManager:
     def _abort(self, process, run, why):
         run.result, run.alarm_s = why, time.monotonic()
         os.kill(process.pid, signal.SIGABRT)
-        os.kill(process.pid, signal.SIGCONT)  # as systemd does: a halted process must take it
+        os.kill(process.pid, signal.SIGCONT)  # as in systemd, so that a stopped process handles the signal
         try:
             process.wait(seconds(self.service["TimeoutAbortSec"]))
         except subprocess.TimeoutExpired:

@@ -1,25 +1,25 @@
-"""A ground station of a third party in tests: mavutil's connection, and waits that say what did not come."""
+"""A ground station with mavutil; its time-outs name the missing message."""
 
 import math
 import time
 
 import pytest
 
-PATIENCE_S = 45.0  # for anything at all: the machine may be busy with other tests
+PATIENCE_S = 45.0  # for any event; other tests may use the machine at the same time
 GROUND_STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 TAIL_LINES = 25
 
 
 def fail(directory, complaint):
-    """Fail with the last words of every program that has written a log in the directory of the test."""
+    """Fail with the last lines of all program logs in the directory of the test."""
     output = [complaint]
     for path in sorted(directory.rglob("*.log")):
-        output += [f"--- the last of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
+        output += [f"--- end of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
     pytest.fail("\n".join(output))
 
 
 class Station:
-    """A third party's mavutil connection, and waits that say what did not come."""
+    """A mavutil connection, with time-outs that name the missing message."""
 
     def __init__(self, link, directory):
         self.link = link
@@ -27,7 +27,7 @@ class Station:
         self._next_s = 0.0
         self.mav = link.mav
         self.receive("HEARTBEAT")
-        self.show_presence()  # in answer, as every station does: a link that waits for strangers serves who is there
+        self.show_presence()  # a link with peer slots serves only stations that send heartbeats
 
     def show_presence(self):
         """Send a heartbeat, as stations do each second."""
@@ -35,10 +35,10 @@ class Station:
         self.mav.heartbeat_send(GROUND_STATION, NO_AUTOPILOT, 0, 0, 0)
 
     def receive(self, kind, wanted=lambda _: True):
-        """Return the next message of a kind that is wanted."""
-        give_up_s = time.monotonic() + PATIENCE_S
+        """Return the next message of a kind for which `wanted` is true."""
+        deadline_s = time.monotonic() + PATIENCE_S
         last = None
-        while time.monotonic() < give_up_s:
+        while time.monotonic() < deadline_s:
             if time.monotonic() > self._next_s:
                 self.show_presence()
             message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
@@ -68,13 +68,13 @@ class Station:
         self.receive("ATTITUDE_TARGET", lambda target: abs(off_deg(yaw_deg(target.q), goal_deg)) < tolerance_deg)
 
     def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
-        """Wait until the boat has been on a goal for a while; return its ATTITUDE messages."""
-        kept = []
-        while not kept or kept[-1].time_boot_ms - kept[0].time_boot_ms < 1000.0 * steady_s:
-            kept.append(self.receive("ATTITUDE"))
-            if abs(off_deg(math.degrees(kept[-1].yaw), goal_deg)) > tolerance_deg:
-                kept.clear()
-        return kept
+        """Wait until the heading has been near the goal for steady_s; return the ATTITUDE messages of this time."""
+        messages = []
+        while not messages or messages[-1].time_boot_ms - messages[0].time_boot_ms < 1000.0 * steady_s:
+            messages.append(self.receive("ATTITUDE"))
+            if abs(off_deg(math.degrees(messages[-1].yaw), goal_deg)) > tolerance_deg:
+                messages.clear()
+        return messages
 
 
 def yaw_deg(q):
@@ -82,5 +82,5 @@ def yaw_deg(q):
 
 
 def off_deg(heading_deg, goal_deg):
-    """How far a heading is off another, -180 to 180 degrees."""
+    """Return the difference of two headings, from -180 to 180 deg."""
     return math.remainder(heading_deg - goal_deg, 360.0)

@@ -1,4 +1,4 @@
-"""A manoeuvre as tables of others hold it: its columns, their times, and the text of a table."""
+"""Columns of a manoeuvre, their times in several forms, and the text of a table."""
 
 from datetime import UTC, datetime, timedelta
 

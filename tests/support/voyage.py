@@ -1,6 +1,6 @@
-"""Long voyages of the delivered boat in the compiled loop.
+"""Long voyages of the default boat in the compiled loop.
 
-tests/process/test_twin.py holds it to what the real autopilot makes of the same sea, bit for bit.
+tests/process/test_twin.py compares this loop with the autopilot in the same sea, bit for bit.
 """
 
 import math
@@ -18,7 +18,7 @@ from hil.sim.goals import Goal
 
 
 def parameters_with(**parameters):
-    """Return the delivered parameters with others in their place."""
+    """Return the default parameters with changes."""
     values = ParameterSet()
     for name, value in parameters.items():
         values = values.replaced(name, value)
@@ -26,7 +26,7 @@ def parameters_with(**parameters):
 
 
 def sail(text, seed, goals, seconds, *, blade_lost_s=math.inf, parameters=None):
-    """Sail a sea for goals of (time, heading [rad]); return the rows of the ticks, and of heading and rudder."""
+    """Simulate a sea with goals of (time, heading [rad]); return the rows of the ticks, and the record."""
     values = parameters or parameters_with()
     sea = drawn(parse_scenario(text), seed, seconds)
     sea = sea._replace(ship=sea.ship._replace(blade_lost_s=blade_lost_s))
@@ -35,20 +35,20 @@ def sail(text, seed, goals, seconds, *, blade_lost_s=math.inf, parameters=None):
     return record.ticks[:count], record
 
 
-def lost_and_reversed(ticks):
+def loss_and_reversal_times(ticks):
     """Return the times [s] of the ticks with loss of steering, and of those with reversed steering."""
     times_s = ticks[:, loop.TICK_S]
     return times_s[ticks[:, loop.LOST] > 0.0], times_s[ticks[:, loop.REVERSED] > 0.0]
 
 
 def fixes(sea, orders, seconds):
-    """Return the rows of the receiver's fixes in the compiled plant, with the shaft sent to angles at times."""
-    waters, nothing, rows = sailing.waters_of(sea), plant.Record(np.zeros(0), np.zeros(0), np.zeros((0, 0))), []
+    """Return the rows of the fixes in the compiled plant; `orders` are times and shaft angles."""
+    waters, no_record, rows = sailing.waters_of(sea), plant.Record(np.zeros(0), np.zeros(0), np.zeros((0, 0))), []
     at, from_s = sailing.zeros(plant.PLANT), 0.0
     plant.begin(at, waters.ship)
     for to_s, angle_rad in [*orders, (seconds, None)]:
         for now_s in [*np.arange(from_s, to_s).tolist(), to_s]:
-            plant.advance_to_tick(at, waters, nothing, now_s)
+            plant.advance_to_tick(at, waters, no_record, now_s)
             rows += [row.copy() for row in at["fixes"][: at["fix_count"]]]
             at["fix_count"] = at["heading_count"] = 0
         if angle_rad is not None:

@@ -87,7 +87,7 @@ class StuckCompassHull(rig.FineHull):
 
 def frozen_report_s(sea, seed, *, turning):
     """Return the time until a compass that repeats one heading is reported as frozen [s]."""
-    boat = rig.Sailing(rig.sea(sea), seed, hull=StuckCompassHull).under_way(Mode.GUIDED, SteerHeading(0.0))
+    boat = rig.Sailing(rig.sea(sea), seed, hull=StuckCompassHull).get_under_way(Mode.GUIDED, SteerHeading(0.0))
     boat.run(STUCK_S - boat.t_s)
     if turning:
         boat.tick(SteerHeading(random_turn_rad(random.Random(1000 + seed))))

@@ -134,7 +134,7 @@ class Boat:
         margin_m = min(FENCE_M - abs(self.east_m), self.north_m + 300.0, 1500.0 - self.north_m)
         self.min_margin_m = min(self.min_margin_m, margin_m)
 
-    def under_way(self, mode):
+    def get_under_way(self, mode):
         for _ in range(6):
             self.tick()
         self.tick(Arm(armed=True), SetMode(mode))
@@ -142,7 +142,7 @@ class Boat:
 
     def sail(self):
         """Sail the mission to its end; return self."""
-        self.under_way(Mode.AUTO)
+        self.get_under_way(Mode.AUTO)
         while self.t_s < MAX_S and self.snapshot.mission.state is not MissionState.COMPLETE:
             self.tick()
         return self
@@ -290,7 +290,7 @@ def test_ship_at_anchor_on_the_line_is_avoided_and_reported_once(position_m, cur
 @pytest.mark.proof
 def test_boat_loiters_near_a_ship_at_anchor():
     boat = Boat((Ship(211000001, "ANCHORED", 60.0, 0.0, at_anchor=True),), 3, AIS_ACT=1.0)
-    boat.under_way(Mode.LOITER)
+    boat.get_under_way(Mode.LOITER)
     while boat.t_s < 1800.0:
         boat.tick()
     assert boat.times_of("Avoidance: heading")

@@ -16,7 +16,7 @@ ALLOWED = {Fault.CURRENT_STRONG}  # correct in a storm
 
 def faults_of(name, seed, legs, leg_s=LEG_S):
     """Steer to a new heading for each leg, and return all faults that were active at any time."""
-    boat = rig.Sailing(rig.sea(name), seed).under_way(Mode.GUIDED)
+    boat = rig.Sailing(rig.sea(name), seed).get_under_way(Mode.GUIDED)
     rng, goal_rad, fault_bits = random.Random(seed), 0.0, 0
     for _ in range(legs):
         goal_rad += math.radians(rng.uniform(-120.0, 120.0))

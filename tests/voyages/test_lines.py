@@ -30,7 +30,7 @@ def start_mission(corners, seed, **current):
     plans = mission(*(item(16, *corner) for corner in corners))
     boat = rig.Sailing(rig.sea("sea", current_m_s=0.45, **current), seed, plans)
     boat.corners = corners
-    return boat.under_way(Mode.AUTO)
+    return boat.get_under_way(Mode.AUTO)
 
 
 @pytest.mark.proof
@@ -56,7 +56,7 @@ def test_cross_track_error_on_a_square_in_currents_of_half_the_speed(figures, se
 
 def test_guided_position_is_reached_and_kept():
     boat = rig.Sailing(rig.scenario(1.2, 0.3), 2, LOIT_RADIUS=60.0)
-    boat.under_way(Mode.GUIDED, SteerPosition(*placed(120.0, -90.0)))
+    boat.get_under_way(Mode.GUIDED, SteerPosition(*placed(120.0, -90.0)))
     boat.run(1500.0, until=lambda boat: boat.snapshot.navigation.arrived)
     assert boat.snapshot.navigation.arrived
     track = len(boat.track)

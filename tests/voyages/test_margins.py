@@ -38,7 +38,7 @@ DELAYS_S = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 def steady_rms_deg(sea, mismatch=None, seed=1):
     """Return the rms error [deg] over five minutes after a turn has settled; infinite for an oscillation."""
     scenario = parse_scenario(sea if mismatch is None else f"{sea}+{mismatch}")
-    boat = rig.Sailing(scenario, seed, hull=rig.FineHull).under_way(Mode.GUIDED)
+    boat = rig.Sailing(scenario, seed, hull=rig.FineHull).get_under_way(Mode.GUIDED)
     boat.tick(SteerHeading(0.0))
     boat.run(TURN_S - boat.t_s)
     boat.tick(SteerHeading(math.radians(60.0)))

@@ -65,7 +65,7 @@ def run_mission(boat, limit_s):
 @pytest.mark.proof
 def test_all_kinds_of_items():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*all_items()), LOIT_RADIUS=60.0)
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     reached, activities = run_mission(boat, 5000)
     assert reached == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
     assert activities[4] == {Activity.HEADING}
@@ -84,7 +84,7 @@ def test_pause_change_and_replacement_of_a_mission():
     assert boat.state.guidance.mission.index == 0
     boat.run(2.0)
     assert boat.snapshot.mission.state is MissionState.NOT_STARTED
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(60.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     boat.tick(PauseMission(paused=True))
@@ -130,7 +130,7 @@ def test_refusals_contain_reason():
 
 def test_position_jump_causes_no_turn():
     boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(150.0)
     boat.jump_m = (10_000.0, 0.0)
     boat.run(60.0)
@@ -155,7 +155,7 @@ def test_restart_from_checkpoints_changes_nothing():
     boat.keep_inputs = True
     boat.outputs = []
     boat.run(1.0)
-    boat.under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
+    boat.get_under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
     boat.run(120.0)
     state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*all_items()[2:8]))
     for inputs in boat.inputs:
@@ -169,7 +169,7 @@ def paused_after_turn(**parameters):
     """Return a boat in AUTO whose mission is paused after its first item, a turn without autocontinue."""
     items = item(115, None, None, 40, autocontinue=False), item(115, None, None, 80), item(17, 400, 400)
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(*items), **parameters)
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(60.0, until=lambda boat: boat.snapshot.mission.state is MissionState.PAUSED)
     assert boat.snapshot.mission.state is MissionState.PAUSED
     assert boat.snapshot.navigation.activity is Activity.HEADING
@@ -193,7 +193,7 @@ def test_paused_mission_continues_on_request(intent, index):
 @pytest.mark.parametrize("intent", [PauseMission(paused=False), SetMode(Mode.AUTO)])
 def test_pause_is_reported_and_ends_on_request(intent):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(20.0)
     boat.tick(PauseMission(paused=True))
     boat.run(1.0)
@@ -231,13 +231,13 @@ def test_paused_mission_stays_paused_after_restart(pause, level):
 
 def test_paused_mission_stays_paused_after_failsafe():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), FS_POS_ACT=2, FS_RESUME=1)
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(20.0)
     boat.tick(PauseMission(paused=True))
-    fix_every, boat.fix_every = boat.fix_every, 10**9
+    fix_every, boat.fix_ticks = boat.fix_ticks, 10**9
     boat.run(30.0)
     assert boat.snapshot.mode is Mode.STEERING
-    boat.fix_every = fix_every
+    boat.fix_ticks = fix_every
     boat.run(30.0)
     assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
 
@@ -245,10 +245,10 @@ def test_paused_mission_stays_paused_after_failsafe():
 def test_dead_reckoning_and_its_limit():
     items = item(16, 100, 0), item(16, 150, 0), item(16, 900, 0)
     boat = rig.Sailing(rig.scenario(0.6, 0.2), 1, mission(*items), WP_RADIUS=6.0, LOIT_RADIUS=40.0)
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(150.0)
     assert boat.snapshot.mission.index == 0
-    fix_every, boat.fix_every = boat.fix_every, 10**9
+    fix_every, boat.fix_ticks = boat.fix_ticks, 10**9
     boat.run(420.0)
     assert boat.times_of("GPS position lost") == boat.times_of("Dead reckoning started: position error grows")
     assert not boat.snapshot.position_ok
@@ -259,7 +259,7 @@ def test_dead_reckoning_and_its_limit():
     assert (state_to_text(read), notes) == (text, ())  # states that contain NaN are never equal
     north_m, east_m = boat.where
     assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.dead_reckoning.sd_m
-    boat.fix_every = fix_every
+    boat.fix_ticks = fix_every
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
     assert boat.times_of("GPS recovered after 7 min: position error ")
@@ -271,9 +271,9 @@ def test_dead_reckoning_and_its_limit():
 def test_fence_is_monitored_by_dead_reckoning():
     fence = Plans(fence=Plan.of(PlanKind.FENCE, (item(5003, 0, 0, 60),)))
     boat = rig.Sailing(rig.scenario(0.6), 1, fence, FENCE_ENABLE=1, FS_FENCE_ACT=3)
-    boat.under_way(Mode.GUIDED)
+    boat.get_under_way(Mode.GUIDED)
     boat.run(30.0)
-    boat.fix_every = 10**9
+    boat.fix_ticks = 10**9
     boat.run(300.0, until=lambda boat: boat.snapshot.mode is Mode.LOITER)
     assert boat.times_of("Fence breached")
     assert boat.where[0] == pytest.approx(60.0, abs=10.0)
@@ -281,9 +281,9 @@ def test_fence_is_monitored_by_dead_reckoning():
 
 def test_last_heading_is_held_without_dead_reckoning():
     boat = rig.Sailing(rig.scenario(1.2), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(30.0)
-    boat.fix_every = 10**9
+    boat.fix_ticks = 10**9
     boat.run(150.0)
     assert boat.snapshot.dead_reckoning is None
     assert boat.where[0] > 150.0
@@ -292,8 +292,8 @@ def test_last_heading_is_held_without_dead_reckoning():
 def test_headings_of_mission_need_no_position():
     turns = item(115, None, None, 40), item(93, None, None, 20), item(115, None, None, 120), item(93, None, None, 999)
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(*turns))
-    boat.under_way(Mode.AUTO)
-    boat.fix_every = 10**9
+    boat.get_under_way(Mode.AUTO)
+    boat.fix_ticks = 10**9
     boat.run(200.0)
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 3
@@ -304,7 +304,7 @@ def test_headings_of_mission_need_no_position():
 def test_mode_with_heading_task_needs_no_position(monkeypatch):
     monkeypatch.setitem(guidance._TASK_SELECTORS, Mode.RTL, lambda *_: HoldHeading(1.0))
     boat = rig.Sailing(rig.scenario(0.6), 1, BOOT_MODE=11, BOOT_ARM=1)
-    boat.fix_every = 10**9
+    boat.fix_ticks = 10**9
     boat.index = 1  # tick 0 would have a fix
     boat.run(60.0)
     assert boat.snapshot.position is None
@@ -313,7 +313,7 @@ def test_mode_with_heading_task_needs_no_position(monkeypatch):
 
 def test_complete_mission_restarts_on_request():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(115, None, None, 40), item(115, None, None, 80)))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(300.0, until=lambda boat: boat.snapshot.mission.state is MissionState.COMPLETE)
     boat.run(10.0)
     assert boat.snapshot.mission.state is MissionState.COMPLETE
@@ -331,7 +331,7 @@ def return_north_m(boat):
 
 def test_mission_returns_to_current_home():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(179, 60, 60), item(20)))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     assert return_north_m(boat) == 60
     boat.tick(SetHome(*placed(-100, 0)))
     assert return_north_m(boat) == -100
@@ -341,7 +341,7 @@ def test_mission_returns_to_current_home():
 def test_time_of_day_that_passed_during_pause_is_not_awaited(intent):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(93, None, None, -1, 0, 1, 0), item(115, None, None, 40)))
     assert rig.UTC_S % 86400 == 0
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(20.0)
     assert boat.snapshot.mission.index == 0
     boat.tick(intent)
@@ -354,7 +354,7 @@ def test_time_of_day_that_passed_during_pause_is_not_awaited(intent):
 @pytest.mark.parametrize("mode", [Mode.LOITER, Mode.RTL, Mode.AUTO])
 def test_loiter_radius_follows_the_parameter(mode):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), WP_RADIUS=50.0)
-    boat.under_way(mode)
+    boat.get_under_way(mode)
     boat.tick(PauseMission(paused=True))
     boat.run(2.0)
     assert boat.snapshot.navigation.radius_m in (50.0, 100.0)

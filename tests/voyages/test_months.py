@@ -20,7 +20,7 @@ from firmware_py.log.disk import THIN, log_files
 from firmware_py.log.replay import replay_log
 from firmware_py.system.state_directory import LOG_DIRECTORY
 from firmware_py.system.store import Store
-from support.months import DAY_S, SETTINGS, UTC_S, WARM_S, Cause, End, Months, sparse
+from support.months import DAY_S, SETTINGS, UTC_S, WARM_UP_S, Cause, End, Months, sparse_timer
 from support.plans import item, mission_file
 
 HOUR_S, MINUTE_S = 3600.0, 60.0
@@ -41,7 +41,7 @@ def simulate(directory, monkeypatch, days, sailing_s, causes, ends):
     monkeypatch.setattr(os, "fsync", lambda _descriptor: None)
     monkeypatch.setattr(os, "fdatasync", lambda _descriptor: None)
     boat = Months(directory, days, sailing_s, causes, ends)
-    monkeypatch.setattr(loop, "TickTimer", sparse(boat.world))
+    monkeypatch.setattr(loop, "TickTimer", sparse_timer(boat.world))
     gc.collect()
     gc.freeze()  # as at the start of the program
     try:
@@ -64,7 +64,7 @@ def gaps(boat, rows):
 def unexplained_faults(boat, rows):
     """Return day and name of each fault in a row that neither the script nor the battery charge explains."""
     moorings = [
-        Cause("mooring", day * DAY_S + boat.sailing_s, (day + 1) * DAY_S - WARM_S, MOORED)
+        Cause("mooring", day * DAY_S + boat.sailing_s, (day + 1) * DAY_S - WARM_UP_S, MOORED)
         for day in range(math.ceil(boat.days))
     ]
     unexplained_rows = []

@@ -14,7 +14,7 @@ from firmware_py.safety.oscillation import HOLD_S, REDUCTION_STEP
 from hil.lab.twin import loop
 from hil.report.figure_file import key_of
 from support import rig, voyage
-from support.mismatched_ship import mismatched
+from support.mismatched_ship import mismatched_hull
 
 ROW = TABLE[Fault.HELM_OSCILLATES]
 TURN_S = 60.0
@@ -36,7 +36,7 @@ def known_shortfall(*case):
 
 def run_turn(mismatch, seconds, name="calm", seed=1):
     """Turn by 60 deg after a minute; return the boat, and heading error and rudder [deg] at each second after that."""
-    boat = rig.Sailing(rig.sea(name), seed, hull=mismatched(**mismatch)).under_way(Mode.GUIDED)
+    boat = rig.Sailing(rig.sea(name), seed, hull=mismatched_hull(**mismatch)).get_under_way(Mode.GUIDED)
     boat.run(TURN_S - boat.t_s)
     boat.tick(SteerHeading(math.radians(60.0)))
     samples = []
@@ -216,8 +216,8 @@ def test_no_false_oscillation(name):
 @pytest.mark.xfail(strict=True, reason="pauses of 873 and 1339 s")
 def test_each_gain_reduction_lasts_longer():
     """In calm water only the turns, one each 20 min, cause an oscillation."""
-    hull = mismatched(**CAUSES["ten times the lag"])
-    boat = rig.Sailing(rig.sea("calm"), 1, hull=hull).under_way(Mode.GUIDED)
+    hull = mismatched_hull(**CAUSES["ten times the lag"])
+    boat = rig.Sailing(rig.sea("calm"), 1, hull=hull).get_under_way(Mode.GUIDED)
     is_reduced = []
     for turn in range(15):
         boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))

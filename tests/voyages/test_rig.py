@@ -13,7 +13,7 @@ def test_both_hulls_have_similar_tracks_in_loiter(speed_m_s, current_m_s):
     positions_m = []
     for hull in ({}, {"hull": rig.FineHull}):
         boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, wave_deg=0.0), 1, LOIT_RADIUS=60.0, **hull)
-        boat.under_way(Mode.LOITER)
+        boat.get_under_way(Mode.LOITER)
         boat.run(400.0)
         positions_m.append(np.array(boat.track)[:, 1:3])
     # Without waves, only the time grid and the random walk of the rudder bias differ.

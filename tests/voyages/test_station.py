@@ -33,7 +33,7 @@ def distances_in_loiter(boat, seconds):
 
 
 def test_boat_stays_in_the_circle_for_five_minutes():
-    boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).get_under_way(Mode.LOITER)
     assert np.mean(distances_in_loiter(boat, 300.0) <= 100.0) >= 0.95
     assert not boat.times_of("Current too strong")
 
@@ -41,7 +41,7 @@ def test_boat_stays_in_the_circle_for_five_minutes():
 @pytest.mark.proof
 @pytest.mark.parametrize(("speed_m_s", "current_m_s", "options"), CASES)
 def test_boat_stays_in_the_circle_for_a_day(figures, speed_m_s, current_m_s, options):
-    boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, **options), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, **options), LOIT_RADIUS=100.0).get_under_way(Mode.LOITER)
     distance_m = distances_in_loiter(boat, 86_400.0)
     inside_fraction = np.mean(distance_m <= 100.0)
     case = f"{speed_m_s} m/s, current {current_m_s} m/s {options}"
@@ -55,9 +55,9 @@ def test_boat_stays_in_the_circle_for_a_day(figures, speed_m_s, current_m_s, opt
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("options", [{}, {"tide_s": 44712.0, "tide_rotary": 0.6}])
 def test_distance_without_a_receiver_is_limited_for_two_hours(figures, options, seed):
-    boat = rig.Sailing(rig.scenario(0.5, 0.2, 60.0, **options), seed, LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    boat = rig.Sailing(rig.scenario(0.5, 0.2, 60.0, **options), seed, LOIT_RADIUS=100.0).get_under_way(Mode.LOITER)
     boat.run(1800.0)
-    boat.fix_every = 10**9
+    boat.fix_ticks = 10**9
     max_distance_m = distances_in_loiter(boat, 7200.0).max()
     dead_reckoning = boat.snapshot.dead_reckoning
     north_m, east_m = Place(*placed(0.0, 0.0)).offset_m(
@@ -75,9 +75,9 @@ def test_distance_without_a_receiver_is_limited_for_two_hours(figures, options, 
 @pytest.mark.parametrize("boot", [pytest.param("same", marks=pytest.mark.proof), "other"])
 def test_restart_without_a_receiver_keeps_the_station(boot):
     boat = rig.Sailing(rig.scenario(0.6, 0.1), 1, BOOT_RESUME=2)
-    boat.under_way(Mode.LOITER)
+    boat.get_under_way(Mode.LOITER)
     boat.run(100.0)
-    boat.fix_every = 10**9
+    boat.fix_ticks = 10**9
     stored = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(0.0, "same", boat.t_s)))
     new_state = State.at_start(boat.state.parameters, boat.state.plans)
     boat.state, _ = resume.restore(new_state, stored, resume.Moment(0.0, boot, boat.t_s))
@@ -93,7 +93,7 @@ def test_restart_without_a_receiver_keeps_the_station(boot):
 
 
 def loiter_in_strong_current(speed_m_s, seed, **options):
-    boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **options), seed).under_way(Mode.LOITER)
+    boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **options), seed).get_under_way(Mode.LOITER)
     boat.run(1800.0)
     report_s = boat.times_of("Current too strong")
     deviation_deg = math.degrees(boat.track[-1][3]) - (options.get("toward_deg", 90.0) + 180.0)
@@ -122,10 +122,10 @@ def test_strong_current_is_reported_at_each_speed_and_direction(figures, speed_m
 
 def test_boat_returns_to_home_and_stays():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), LOIT_RADIUS=60.0)
-    boat.under_way(Mode.GUIDED)
+    boat.get_under_way(Mode.GUIDED)
     boat.run(90.0)
     assert math.hypot(*boat.where) > 80.0
-    boat.under_way(Mode.RTL)
+    boat.get_under_way(Mode.RTL)
     boat.run(2000.0, until=lambda boat: boat.snapshot.navigation.arrived)
     first_row = len(boat.track)
     boat.run(150.0)

@@ -18,7 +18,7 @@ from hil.lab.twin import loop
 from hil.lab.twin.sea import GRID_S, speed_of
 from hil.ship.scenarios import parse_scenario
 from support import rig, voyage
-from support.mismatched_ship import mismatched
+from support.mismatched_ship import mismatched_hull
 
 SEAS = ("tank", "sea", "swell", "weak")
 OCEANS = ("ocean-1", "ocean-2", "ocean-3", "ocean-4")
@@ -30,7 +30,7 @@ OVER_RAD = math.radians(10.0)  # minimum rudder angle from the trim that counts 
 
 
 def sailing(name, seed, **how):
-    return rig.Sailing(rig.sea(name), seed, hull=mismatched(**how)).under_way(Mode.GUIDED)
+    return rig.Sailing(rig.sea(name), seed, hull=mismatched_hull(**how)).get_under_way(Mode.GUIDED)
 
 
 def random_turns(seed, hours, leg_s=300.0):
@@ -115,7 +115,7 @@ def test_lost_blade_is_reported_with_wind_and_trim_toward_goal(seed, turn_deg):
 
 def reversal_report_s(name, seed, turn_deg):
     """Arm a boat with a wrong RUD_REVERSE; return the time to the report, None if it is not within ARMED_S."""
-    boat = rig.Sailing(rig.sea(name), seed, hull=rig.FineHull, RUD_REVERSE=1).under_way(Mode.GUIDED)
+    boat = rig.Sailing(rig.sea(name), seed, hull=rig.FineHull, RUD_REVERSE=1).get_under_way(Mode.GUIDED)
     armed_s, before = boat.t_s, boat.state.parameters
     boat.tick(SteerHeading(boat.snapshot.heading_rad + math.radians(turn_deg)))
     boat.run(ARMED_S, until=lambda boat: boat.times_of(REPORT_REVERSED))
@@ -214,7 +214,7 @@ def test_silent_servo_is_no_lost_blade(monkeypatch):
         return replace(inputs(*parts, **more), rudder=())
 
     monkeypatch.setattr(rig, "Inputs", unanswered)
-    boat = rig.Sailing(rig.sea("tank"), 1, hull=mismatched())
+    boat = rig.Sailing(rig.sea("tank"), 1, hull=mismatched_hull())
     boat.hull.grip = 0.0
     boat.run(1.5)
     boat.tick(Arm(armed=True, force=True), SetMode(Mode.GUIDED), SteerHeading(math.radians(90.0)))

@@ -1,4 +1,4 @@
-"""On the path of a program, there is no matplotlib for it: a picture takes longer than a short run."""
+"""Hides matplotlib from a program with this directory in PYTHONPATH: a picture takes longer than a short run."""
 
 import sys
 

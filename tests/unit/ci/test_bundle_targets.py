@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from support.paths import ROOT
-from support.small_bundle import bundle_maker
+from support.small_bundle import load_bundle_maker
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def make_bundle(monkeypatch):
     """Run .ci/bundle.py with a replacement of pip; return the exit code."""
 
     def run(run_pip, *arguments):
-        maker = bundle_maker()
+        maker = load_bundle_maker()
         monkeypatch.setattr(maker, "run_pip", run_pip)
         monkeypatch.setattr("sys.argv", ["bundle.py", *arguments])
         return maker.main()

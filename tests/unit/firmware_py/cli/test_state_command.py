@@ -32,7 +32,7 @@ from firmware_py.system.state_directory import (
 )
 from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, Export, pack, unpack
 from firmware_py.system.store import Store
-from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
+from support.faulty_disk import CUTS, KINDS, FaultyDisk, sample_calls
 
 MISSION, FENCE = PLAN_FILES[PlanKind.MISSION], PLAN_FILES[PlanKind.FENCE]
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
@@ -249,7 +249,7 @@ def import_on_faulty_disk(exported, directory, folder, monkeypatch, failure, cap
     with monkeypatch.context() as patches:
         disk = FaultyDisk(folder / "state", patches)
         for path in disk.directory.iterdir():
-            disk.named[path.name], disk.durable[path.name] = None, path.read_bytes()
+            disk.names[path.name], disk.durable[path.name] = None, path.read_bytes()
         disk.arm(number, kind, lasting=lasting)
         code = import_state(exported, disk.directory)
         failed_calls, call_count = list(disk.failed), disk.count
@@ -280,7 +280,7 @@ def test_import_is_atomic_under_kills_and_errors(
     code, _, (new, *_), _, call_count = undisturbed
     assert (code, new[MISSION]) == (0, NEW[MISSION])
     codes = set()
-    for number in itertools.count() if all_calls else sampled(call_count, 3, f"{kind} {lasting}"):
+    for number in itertools.count() if all_calls else sample_calls(call_count, 3, f"{kind} {lasting}"):
         folder, failure = tmp_path / f"{number}", (number, kind, lasting)
         code, error, images, failed_calls, _ = import_on_faulty_disk(
             exported, old, folder, monkeypatch, failure, capsys

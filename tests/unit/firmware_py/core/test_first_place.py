@@ -20,7 +20,7 @@ def sail_from_wrong_position(mode, *intents, **parameters):
     """Return a boat whose receiver has a wrong position for 20 s, after the right one is accepted."""
     boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0, **parameters)
     boat.jump_m = WRONG_M
-    boat.under_way(mode, *intents)
+    boat.get_under_way(mode, *intents)
     boat.run(WRONG_S - boat.t_s)
     boat.jump_m = (0.0, 0.0)
     return boat.run(60.0)
@@ -62,7 +62,9 @@ def test_goal_and_home_elsewhere_are_not_moved():
 
 
 def test_home_and_goal_return_after_a_temporary_error():
-    boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0).under_way(Mode.GUIDED, SteerPosition(*placed(500.0, 300.0)))
+    boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0).get_under_way(
+        Mode.GUIDED, SteerPosition(*placed(500.0, 300.0))
+    )
     home = place_of(boat.state.home)
     for jump_m, reports in ((WRONG_M, 1), ((0.0, 0.0), 2)):
         boat.jump_m = jump_m

@@ -123,7 +123,7 @@ class Boat:
             output = self.tick()
         return output
 
-    def under_way(self, mode=Mode.GUIDED):
+    def get_under_way(self, mode=Mode.GUIDED):
         self.run(0.3)
         self.tick(Arm(armed=True), SetMode(mode))
         assert (self.state.modes.mode, self.state.modes.armed) == (mode, True)
@@ -135,7 +135,7 @@ def error_deg(boat, goal_rad):
 
 
 def test_heading_goal_is_reached():
-    boat = Boat(noise_rad=math.radians(0.3)).under_way()
+    boat = Boat(noise_rad=math.radians(0.3)).get_under_way()
     boat.tick(SteerHeading(5.9))
     boat.run(120.0)
     assert error_deg(boat, 5.9) < 0.5
@@ -185,7 +185,7 @@ def test_snapshot_has_the_reason_of_an_arming_refusal():
 
 
 def test_manual_follows_the_stick_within_the_rate_limit_and_ignores_an_old_stick():
-    boat = Boat().under_way(Mode.MANUAL)
+    boat = Boat().get_under_way(Mode.MANUAL)
     output = boat.tick(ManualRudder(-1.0))
     assert output.snapshot.rudder_command_rad == pytest.approx(math.radians(-3.0), rel=1e-6)
     assert boat.run(2.0).snapshot.rudder_command_rad == pytest.approx(math.radians(-30.0), rel=1e-6)
@@ -193,7 +193,7 @@ def test_manual_follows_the_stick_within_the_rate_limit_and_ignores_an_old_stick
 
 
 def test_stick_turns_the_goal_in_steering():
-    boat = Boat().under_way(Mode.STEERING)
+    boat = Boat().get_under_way(Mode.STEERING)
     for _ in range(100):
         boat.tick(ManualRudder(0.5))
     boat.tick(ManualRudder(None))
@@ -203,7 +203,7 @@ def test_stick_turns_the_goal_in_steering():
 
 
 def test_turn_has_the_commanded_direction():
-    boat = Boat(heading_rad=1.0).under_way()
+    boat = Boat(heading_rad=1.0).get_under_way()
     boat.tick(SteerHeading(1.5, turn=-1))
     boat.run(30.0)
     assert boat.heading_rad < 0.8  # during the turn to port
@@ -214,7 +214,7 @@ def test_turn_has_the_commanded_direction():
 def test_position_goal_is_approached():
     boat = Boat()
     boat.position, boat.position_ticks = FIX, 10
-    boat.under_way()
+    boat.get_under_way()
     boat.tick(SteerPosition(0.5, 0.5001))
     output = boat.run(300.0)
     assert error_deg(boat, math.pi / 2) < 2.0
@@ -225,7 +225,7 @@ def test_position_goal_is_approached():
 
 
 def test_rudder_is_constant_then_centred_without_a_heading():
-    boat = Boat().under_way()
+    boat = Boat().get_under_way()
     boat.tick(SteerHeading(2.5))
     boat.run(5.0)
     assert boat.outputs[-1].command.shaft_rad > 0.3
@@ -243,7 +243,7 @@ def test_rudder_is_constant_then_centred_without_a_heading():
 
 def test_shaft_angle_includes_centre_and_direction_of_the_servo():
     parameters = ParameterSet().replaced("RUD_CENTRE_DEG", 10.0).replaced("RUD_REVERSE", 1)
-    boat = Boat(parameters).under_way(Mode.MANUAL)
+    boat = Boat(parameters).get_under_way(Mode.MANUAL)
     boat.tick(ManualRudder(1.0))
     output = boat.run(2.0)
     assert output.command.shaft_rad == pytest.approx(math.radians(10.0 - 30.0), rel=1e-6)
@@ -305,7 +305,7 @@ def test_missing_devices_are_no_fault_before_their_timeout():
 
 @pytest.mark.parametrize("halted_s", [1.5, 5.0, 60.0])
 def test_servo_is_not_silent_after_a_halt_of_the_process(halted_s):
-    boat = Boat(ParameterSet().replaced("FS_RUD_ACT", 4)).under_way()
+    boat = Boat(ParameterSet().replaced("FS_RUD_ACT", 4)).get_under_way()
     boat.position = FIX
     boat.run(10.0)
     boat.index += round(10 * halted_s)
@@ -322,7 +322,7 @@ def test_servo_is_not_silent_after_a_halt_of_the_process(halted_s):
 def test_compass_timeout_depends_on_its_rate(ticks, timeout_s, estimator):
     boat = Boat(ParameterSet().replaced("EST_MODE", estimator), noise_rad=0.002)
     boat.compass_ticks = ticks
-    boat.under_way()
+    boat.get_under_way()
     assert boat.run(20.0).snapshot.faults == 0
     while (boat.index - 1) % ticks:
         boat.tick()
@@ -336,7 +336,7 @@ def test_compass_timeout_depends_on_its_rate(ticks, timeout_s, estimator):
 def test_slow_compass_may_miss_a_sample():
     boat = Boat(noise_rad=0.002)
     boat.compass_ticks = 10
-    boat.under_way().run(60.0)
+    boat.get_under_way().run(60.0)
     boat.compass = False
     boat.run(1.0)
     boat.compass = True
@@ -345,7 +345,7 @@ def test_slow_compass_may_miss_a_sample():
 
 
 def test_gap_does_not_change_the_timeout():
-    boat = Boat(noise_rad=0.002).under_way()
+    boat = Boat(noise_rad=0.002).get_under_way()
     boat.run(10.0)
     boat.compass = False
     boat.run(30.0)
@@ -374,7 +374,7 @@ def test_receiver_timeout_depends_on_its_rate(ticks, timeout_s):
 def test_servo_with_a_reply_each_second_is_not_silent():
     boat = Boat(noise_rad=0.002)
     boat.servo_ticks = 10
-    boat.under_way()
+    boat.get_under_way()
     assert boat.run(60.0).snapshot.faults == 0
     assert "Rudder servo not responding" not in boat.events
 
@@ -406,7 +406,7 @@ def test_failsafe_does_not_resume_manual(mode, after):
     parameters = ParameterSet().replaced("FS_GCS_ACT", 3).replaced("FS_GCS_S", 5).replaced("FS_RESUME", 1)
     boat = Boat(parameters, noise_rad=0.002)
     boat.position = FIX
-    boat.under_way(mode)
+    boat.get_under_way(mode)
     boat.tick(devices=link_health(boat, DeviceState.SILENT))
     assert boat.run(6.0).snapshot.mode is Mode.LOITER
     boat.tick(devices=link_health(boat))
@@ -421,7 +421,7 @@ def test_delay_until_a_time_of_day_ends_without_a_receiver():
     until = PlanItem(Command.DELAY, frame=2, params=(-1.0, 0.0, 1.0, 0.0))
     turn = PlanItem(Command.YAW, frame=2, params=(90.0, 0.0, 0.0, 0.0))
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [until, turn])))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(5.0)  # all fixes have the time of midnight
     boat.position = None
     boat.run(55.0)
@@ -432,7 +432,7 @@ def test_delay_until_a_time_of_day_ends_without_a_receiver():
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
 def test_requests_with_invalid_values_are_denied(value):
-    boat = Boat().under_way()
+    boat = Boat().get_under_way()
     for intent in (
         SteerHeading(value),
         SteerPosition(value, value),
@@ -461,7 +461,7 @@ def test_item_numbers_are_checked_and_only_auto_ends_a_pause():
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)])))
     verdicts = [accept(boat.state, Request(boat.t_s, SetMissionItem(index)))[1].verdict for index in (-1, 0, 1)]
     assert verdicts == [Verdict.DENIED, Verdict.ACCEPTED, Verdict.DENIED]
-    boat.under_way(Mode.AUTO).tick(PauseMission(paused=True))
+    boat.get_under_way(Mode.AUTO).tick(PauseMission(paused=True))
     for mode, paused in ((Mode.HOLD, True), (Mode.AUTO, False)):
         boat.tick(SetMode(mode))
         assert (boat.state.modes.mode, boat.state.guidance.mission.paused) == (mode, paused)
@@ -486,7 +486,7 @@ def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
     circles = [PlanItem(command, frame=0, params=(50.0, 0.0, 0.0, 0.0), x=1, y=1) for command in fence]
     boat.tick(ReplacePlan(Plan.of(PlanKind.FENCE, circles)))
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.FENCE_ENABLE, 2, params=(1.0, 0.0, 0.0, 0.0))])))
-    boat.under_way(Mode.AUTO)
+    boat.get_under_way(Mode.AUTO)
     boat.run(2.0)
     fence_texts = [text for text in boat.events if "ence " in text and "loiter" not in text]
     assert [text for text in fence_texts if "reach" not in text] == [expected]
@@ -540,7 +540,7 @@ def test_home_is_the_corrected_first_position_unless_it_is_set(positions, set_s,
 def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m):
     boat = Boat(noise_rad=0.01)
     boat.position, boat.position_ticks = FIX, 10
-    boat.under_way().tick(SteerHeading(0.5))
+    boat.get_under_way().tick(SteerHeading(0.5))
     boat.run(60.0)
     boat.tick(Arm(armed=armed))
     fix, boat.position = boat.state.position.fix, None
@@ -554,7 +554,7 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m)
 def test_rtl_steers_to_the_corrected_home():
     boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
     boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG_POSITION)
-    output = boat.under_way(Mode.RTL).run(1.0)
+    output = boat.get_under_way(Mode.RTL).run(1.0)
     assert (
         output.snapshot.navigation.target_latitude_rad,
         output.snapshot.navigation.target_longitude_rad,
@@ -599,7 +599,7 @@ def test_boot_arm_and_boot_mode_set_the_initial_state():
 
 
 def test_same_inputs_give_the_same_rudder_from_any_checkpoint():
-    boat = Boat(noise_rad=0.01, seed=7).under_way()
+    boat = Boat(noise_rad=0.01, seed=7).get_under_way()
     boat.tick(SteerHeading(4.0), SetParameter("CTL_K1", 35.7))
     boat.run(30.0)
     state = State.at_start(ParameterSet())
@@ -617,7 +617,7 @@ EXTREME_FLOATS = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.n
 def test_invalid_position_does_not_move_the_rudder():
     boat = Boat()
     boat.position = FIX
-    boat.under_way()
+    boat.get_under_way()
     boat.tick(SteerPosition(0.5 + 0.001 * math.cos(0.5), 0.5 + 0.001 * math.tan(0.5)))
     boat.run(60.0)
     boat.position = PositionSample(0.0, FixType.FIX_3D, math.nan, math.inf)
@@ -648,7 +648,7 @@ def test_any_device_input_gives_a_command_within_the_limits(rows, has_angle):
 
 
 def test_heading_that_does_not_converge_is_reported_once():
-    boat = Boat().under_way()
+    boat = Boat().get_under_way()
     boat.tick(SteerHeading(2.0))
     for second in range(40):
         if second == 20:  # skip five minutes
@@ -671,7 +671,7 @@ SAVING = ParameterSet().replaced("PWR_SAVE_PCT", 30.0).replaced("PWR_KEEP_PCT", 
 
 
 def test_power_saving_levels_follow_the_battery_charge():
-    boat = Boat(SAVING).under_way()
+    boat = Boat(SAVING).get_under_way()
     boat.tick(SteerHeading(1.0))
     steps = []
     for charge, seconds in zip((0.8, 0.25, 0.05, 0.12, 0.2, 0.32, 0.4), (5, 35, 35, 65, 65, 65, 65), strict=True):
@@ -699,7 +699,7 @@ def test_power_saving_levels_follow_the_battery_charge():
 
 
 def test_restart_with_an_empty_battery_keeps_the_task():
-    boat = Boat(SAVING.replaced("BOOT_RESUME", 2)).under_way()
+    boat = Boat(SAVING.replaced("BOOT_RESUME", 2)).get_under_way()
     boat.tick(SteerHeading(1.0))
     boat.charge = 0.05
     assert boat.pass_time(40.0).snapshot.mode is Mode.STEERING
@@ -711,7 +711,7 @@ def test_restart_with_an_empty_battery_keeps_the_task():
 @pytest.mark.parametrize("is_restarted", [False, True])
 @pytest.mark.parametrize("is_ordered", [False, True])
 def test_hold_of_a_failsafe_is_still_one_after_a_restart(is_ordered, is_restarted):
-    boat = Boat(SAVING.replaced("BOOT_RESUME", 2).replaced("FS_RUD_ACT", 1), noise_rad=0.002).under_way()
+    boat = Boat(SAVING.replaced("BOOT_RESUME", 2).replaced("FS_RUD_ACT", 1), noise_rad=0.002).get_under_way()
     boat.hardware_error = 1
     assert boat.run(2.0).snapshot.mode is Mode.HOLD
     boat.hardware_error = 0
@@ -733,7 +733,7 @@ def test_hold_of_a_failsafe_is_still_one_after_a_restart(is_ordered, is_restarte
 
 
 def test_missing_power_monitor_is_reported_and_power_saving_continues():
-    boat = Boat(SAVING).under_way()
+    boat = Boat(SAVING).get_under_way()
     boat.charge = 0.2
     assert boat.pass_time(35.0).snapshot.power_saving_level == 1
     boat.charge = None

@@ -33,7 +33,7 @@ def ship_reports(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
 def approaching_ship(**parameters):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, **parameters)
     boat.vessels_at = ship_reports(1300.0, -30.0)
-    return boat.under_way(Mode.GUIDED, SteerHeading(0.0))
+    return boat.get_under_way(Mode.GUIDED, SteerHeading(0.0))
 
 
 def test_approach_is_reported_and_avoided_until_it_ends():
@@ -64,7 +64,7 @@ def test_vessels_are_only_reported_by_default():
 def test_no_avoidance_in_modes_without_a_task(mode):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
     boat.vessels_at = ship_reports(1300.0, -30.0)
-    boat.under_way(mode).run(20.0)
+    boat.get_under_way(mode).run(20.0)
     assert boat.times_of("ANNA: closest")
     assert not boat.times_of("Avoidance: heading")
 

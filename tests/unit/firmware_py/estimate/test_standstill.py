@@ -20,7 +20,7 @@ def steer_north(name, seed=1, resolution_deg=0.1, noise_deg=0.3, **parameters):
     """Return a boat that has steered north for two minutes."""
     boat = rig.Sailing(rig.sea(name), seed, hull=rig.FineHull, **parameters)
     boat.resolution_rad, boat.noise_rad = radians(resolution_deg), radians(noise_deg)
-    boat.under_way(Mode.GUIDED).tick(SteerHeading(0.0))
+    boat.get_under_way(Mode.GUIDED).tick(SteerHeading(0.0))
     return boat.run(120.0)
 
 

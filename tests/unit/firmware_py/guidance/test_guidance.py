@@ -11,9 +11,9 @@ from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput, GuidanceSettings, GuidanceState
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
-from support.plans import FENCED, item, mission, placed
+from support.plans import FENCE_ITEMS, item, mission, placed
 
-FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
+FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCE_ITEMS))
 SETTINGS = GuidanceSettings.of(ParameterSet())
 MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
 WAYPOINT, DELAY = 16, 93

@@ -10,7 +10,7 @@ from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.modes import ModeState
-from support.plans import FENCED, item, mission
+from support.plans import FENCE_ITEMS, item, mission
 
 WAYPOINT = 16
 AUTO = ModeState(Mode.AUTO, armed=True)
@@ -45,7 +45,7 @@ def test_mission_events(previous, present, texts):
     ]
 
 
-FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
+FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCE_ITEMS))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from firmware_py.install.bundle import (
     unpack,
     version_key,
 )
-from support.small_bundle import bundle_maker
+from support.small_bundle import load_bundle_maker
 
 FILES = {"a-1.0-py3-none-any.whl": b"x" * 700, "requirements.txt": b"a==1.0\n", "pip-25.3-py3-none-any.whl": b""}
 KEYGEN = shutil.which("ssh-keygen")
@@ -30,7 +30,7 @@ def make(tmp_path):
         (folder := tmp_path / f"files of {name}").mkdir()
         for file, content in files.items():
             (folder / file).write_bytes(content)
-        bundle_maker().write_bundle(folder, tmp_path / name, version, "abcd1234", utc_s, key)
+        load_bundle_maker().write_bundle(folder, tmp_path / name, version, "abcd1234", utc_s, key)
         return tmp_path / name
 
     return create

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.link.peers import MAX_ACTIVE_PEERS, QUIET_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
-from support.link import MemoryVault, without_unasked
+from support.link import MemoryVault, without_unrequested
 from support.paths import ROOT
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
@@ -63,7 +63,7 @@ def what_it_brings(rig, *frames):
     for _ in range(20):
         rig.tick_silently()
         reports += rig.replies("attacker")
-    replies = [message.get_type() for message in without_unasked(reports)]
+    replies = [message.get_type() for message in without_unrequested(reports)]
     if rig.request_handler.intents:
         return COMMANDS
     if "PARAM_VALUE" in replies:

@@ -7,7 +7,7 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.peers import FORGET_S, MAX_ACTIVE_PEERS, MAX_PENDING_PEERS, QUIET_S, UNPROVEN_AFTER_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
-from support.link import without_unasked
+from support.link import without_unrequested
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)
@@ -54,7 +54,7 @@ def test_noise_from_a_stranger_draws_nothing(open_rig):
 
 
 def test_who_is_heard_once_gets_a_few_heartbeats_and_then_silence(open_rig):
-    replies = without_unasked([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
+    replies = without_unrequested([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
     assert set(kinds(replies)) == {"HEARTBEAT"}
     assert 2 <= len(replies) <= 10
     assert seated(open_rig) == set()
@@ -230,7 +230,7 @@ def connected(make_rig):
 @pytest.mark.parametrize(("policy", "gets"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
 def test_a_client_without_a_frame_takes_no_place_and_is_dropped_after_its_time(connected, policy, gets):
     rig = connected(f"policy={policy}", key=True)
-    assert {kind for _ in range(9) for kind in kinds(without_unasked(rig.tick(seconds=1.0)))} <= gets
+    assert {kind for _ in range(9) for kind in kinds(without_unrequested(rig.tick(seconds=1.0)))} <= gets
     assert rig.transport.dropped == []
     assert seated(rig) == set()
     rig.tick(seconds=2.0)

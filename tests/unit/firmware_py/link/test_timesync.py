@@ -32,10 +32,10 @@ def test_two_stations_with_one_number_are_answered_each(make_rig):
 def test_a_ground_stations_time_is_heard_and_a_strangers_is_not(rig):
     time = mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 0)
     rig.tell(time)
-    assert rig.heard_utc == []
+    assert rig.offered_utc == []
     rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), time)
     rig.tell(mavlink.MAVLink_system_time_message(0, 0), mavlink.MAVLink_system_time_message(2**64 - 1, 0))
-    assert rig.heard_utc == [(1.8e9, rig.now_s)]
+    assert rig.offered_utc == [(1.8e9, rig.now_s)]
 
 
 def test_a_timesync_request_is_answered_with_both_times(rig):

@@ -171,7 +171,7 @@ def test_an_error_of_any_call_loses_no_data(tmp_path, kind, monkeypatch):
         log.write_bytes(SHORT)
         with monkeypatch.context() as patches:
             disk = FaultyDisk(directory, patches)
-            disk.durable[log.name], disk.named[log.name] = SHORT, None
+            disk.durable[log.name], disk.names[log.name] = SHORT, None
             disk.arm(number, kind)
             with contextlib.suppress(OSError):
                 finish(log)

@@ -18,7 +18,7 @@ from firmware_py.log import ardupilot_formats
 from firmware_py.log.ardupilot_state import ArduPilotState, encode_version
 from firmware_py.log.dataflash import Format
 from support.full_log import TICKS, boat, inputs_of, write_log
-from support.graphs import drawn
+from support.graphs import count_graphs
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_the_messages_are_at_most_a_tenth_of_the_log(contents, log):
 
 
 def test_mavexplorer_draws_sixty_of_its_graphs(contents):
-    graphs, total = drawn(contents[1])
+    graphs, total = count_graphs(contents[1])
     assert total > 500
     assert graphs >= 60
 

@@ -155,7 +155,7 @@ def test_after_a_failed_call_no_older_record_is_read(kind, lasting, tmp_path, mo
                 store.save(name, b"older")
             store.close()
             for path in disk.directory.iterdir():
-                disk.named[path.name], disk.durable[path.name] = None, path.read_bytes()
+                disk.names[path.name], disk.durable[path.name] = None, path.read_bytes()
             store = Store(disk.directory)
             disk.arm(at, kind, lasting=lasting)
             store.save(RESUME_FILE, b"new")

@@ -14,7 +14,7 @@ from firmware_py.link.signing import KeyRecord, KeyState, find_key, to_text
 from firmware_py.system.slots import slot_path
 from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, find_exposed_key_files, read_key
 from firmware_py.system.store import Store
-from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
+from support.faulty_disk import CUTS, KINDS, FaultyDisk, sample_calls
 
 OLD, NEW = (to_text(KeyRecord(bytes(32 * [number]), 10**13, {(255, 190, 0): 10**13})) for number in (7, 9))
 OLD_SECRET = bytes(32 * [7]).hex().encode()
@@ -96,12 +96,12 @@ def check_action(action, prepared, state, folder, monkeypatch, at, kind, *, last
         patches.setattr("firmware_py.system.store.RETRY_S", 1000.0)
         disk = FaultyDisk(folder / "state", patches)
         for path in disk.directory.iterdir():
-            disk.named[path.name], disk.durable[path.name] = None, path.read_bytes()
+            disk.names[path.name], disk.durable[path.name] = None, path.read_bytes()
         vault = open_vault(disk.directory)
         disk.arm(at, kind, lasting=lasting)
         stored = save(vault, content, both_slots=both_slots)
         failed_calls, calls = list(disk.failed), disk.count
-        with disk.still:
+        with disk.lock:
             shutil.copytree(disk.directory, folder / "killed")
             for pattern in CUTS:
                 disk.cut(folder / pattern, pattern)
@@ -143,7 +143,7 @@ def test_after_a_failed_call_a_key_that_was_set_is_present_or_lost(action, initi
 
     cases, calls = 0, count_calls(None, "refused", lasting=False)
     for kind, lasting in FAULTS:
-        for at in itertools.count() if every else sampled(calls, 2, f"{action} {initial} {kind} {lasting}"):
+        for at in itertools.count() if every else sample_calls(calls, 2, f"{action} {initial} {kind} {lasting}"):
             if count_calls(at, kind, lasting=lasting) <= at:
                 break
             cases += 1

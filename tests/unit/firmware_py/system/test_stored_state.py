@@ -46,7 +46,7 @@ from firmware_py.system.state_directory import (
     report_damage,
 )
 from firmware_py.system.store import Store
-from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
+from support.faulty_disk import CUTS, KINDS, FaultyDisk, sample_calls
 
 UTC_S = 1.8e9
 UNCERTAIN = "the next start may find it nevertheless"
@@ -218,14 +218,14 @@ def result_after_start(directory, action):
 
 
 def result_in_copy(disk, copy, action):
-    with disk.still:
+    with disk.lock:
         shutil.copytree(disk.directory, copy)
     return result_after_start(copy, action)
 
 
 def copy_images(disk, folder):
     """Copy the possible contents of the disk at the next start: after a kill, and after a power cut."""
-    with disk.still:
+    with disk.lock:
         shutil.copytree(disk.directory, folder / "killed")
         for pattern in CUTS:
             disk.cut(folder / pattern, pattern)
@@ -293,7 +293,7 @@ def test_after_a_failed_call_acknowledged_state_is_stored_and_refused_is_not(
 
     cases, calls = 0, count_calls(None, FAULTS[0])
     for fault in FAULTS[:4] if restart else FAULTS:  # torn and short writes do not depend on a restart
-        for at in itertools.count() if every else sampled(calls, 1, f"{action.__name__} {number} {restart} {fault}"):
+        for at in itertools.count() if every else sample_calls(calls, 1, f"{action.__name__} {number} {restart} {fault}"):
             if count_calls(at, fault) <= at:
                 break
             cases += 1

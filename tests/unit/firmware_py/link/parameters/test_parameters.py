@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import INDEX, TABLE
-from support.link import without_unasked
+from support.link import without_unrequested
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
 ACCEPTED, VALUE_UNSUPPORTED, FAILED = 0, 1, 2
@@ -74,7 +74,7 @@ def test_list_has_all_parameters(rig, of, request_message, reply):
 
 def test_generic_autopilot_has_only_floats(make_rig, of):
     rig = make_rig(identity=0)
-    values = of(without_unasked(rig.tell(LIST) + rig.ticks(3)), "PARAM_VALUE")
+    values = of(without_unrequested(rig.tell(LIST) + rig.ticks(3)), "PARAM_VALUE")
     assert [value.param_value for value in values] == list(rig.request_handler.values.values())
     assert {value.param_type for value in values} == {9}
     for kind in (6, 9):
@@ -279,7 +279,7 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig):
 def test_list_on_a_slow_link_does_not_delay_heartbeats(slow_rig, of, byte_rate, is_complete):
     rig = slow_rig(byte_rate)
     assert len(of(rig.tell(LIST), "PARAM_VALUE")) < len(TABLE)
-    replies = without_unasked(rig.ticks(100))
+    replies = without_unrequested(rig.ticks(100))
     assert (of(replies, "PARAM_VALUE")[-1].param_index == len(TABLE) - 1) == is_complete
     assert len(of(replies, "HEARTBEAT")) == pytest.approx(10, abs=1)
 
@@ -287,7 +287,7 @@ def test_list_on_a_slow_link_does_not_delay_heartbeats(slow_rig, of, byte_rate, 
 def test_extended_list_on_a_slow_link_does_not_delay_telemetry(slow_rig, of):
     rig = slow_rig(1200.0)
     rig.tell(LIST_EXTENDED)
-    replies = without_unasked(rig.ticks(50))
+    replies = without_unrequested(rig.ticks(50))
     assert len(of(replies, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
     assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
     assert len(of(replies, "ATTITUDE")) > 0
@@ -304,7 +304,7 @@ def test_slow_link_sends_the_latest_value_of_every_change(slow_rig, of):
         for row in reals:
             replies += rig.tell(set_message(row.name.encode(), row.minimum + fraction * (row.maximum - row.minimum)))
     replies += rig.ticks(100)
-    reports = {value.param_id: value.param_value for value in of(without_unasked(replies), "PARAM_VALUE")}
+    reports = {value.param_id: value.param_value for value in of(without_unrequested(replies), "PARAM_VALUE")}
     assert reports == {row.name: rig.request_handler.values[row.name] for row in reals}
 
 
