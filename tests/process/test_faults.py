@@ -282,8 +282,9 @@ DRILLS = (
     ),
     Drill(
         Fault.MISSION_UNUSABLE, lambda bench: bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
-        3.0, lambda bench, _t0_s: check_mode("AUTO")(bench), lambda bench: bench.send_command(SET_MODE, 1.0, float(GUIDED)),
-        2.0, check_mode("GUIDED"), start_s=10.0, fault_time_s=1.0,
+        3.0, lambda bench, _t0_s: check_mode("AUTO")(bench),
+        lambda bench: bench.send_command(SET_MODE, 1.0, float(GUIDED)), 2.0, check_mode("GUIDED"), start_s=10.0,
+        fault_time_s=1.0,
         options={"mode": AUTO, "plans": (endless_mission(),), "goals": ""},
     ),
     Drill(

@@ -13,8 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hil.sim.process import AutopilotProcess
-from support.retrying_station import RetryingStation, send_once
 from support.processes import running_devices
+from support.retrying_station import RetryingStation, send_once
 from support.station import off_deg, yaw_deg
 
 FEW_KILLS, MANY_KILLS = 2, int(os.environ.get("KILLS", "1000"))

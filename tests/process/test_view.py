@@ -19,7 +19,7 @@ from firmware_py.view.server import Hub, ViewServer
 from hil.__main__ import main
 from hil.sim.truth import read
 from support.browser import Browser
-from support.harness import read_events, rambler_hil, start_rambler_hil
+from support.harness import rambler_hil, read_events, start_rambler_hil
 from support.paths import REPLAY
 from support.plans import FENCE_ITEMS, item, save_plans
 

@@ -24,7 +24,7 @@ GOALS, SECONDS = parse_goals("0:0,120:60,720:-30"), 1320.0
 SEEDS, MORE_SEEDS = range(1, 6), range(1, 11)
 ORACLES = {
     "learns": {"learns": frozenset(oracle.UNKNOWN), "knows_drift": False},
-    "wanders": {"learns": frozenset(oracle.UNKNOWN), "knows_drift": False, "wanders": True},
+    "wanders": {"learns": frozenset(oracle.UNKNOWN), "knows_drift": False, "is_walking": True},
     "known": {"learns": frozenset(), "knows_drift": False},
     "known bias": {"learns": frozenset(), "knows_drift": True},
 }

@@ -234,10 +234,10 @@ def test_paused_mission_stays_paused_after_failsafe():
     boat.get_under_way(Mode.AUTO)
     boat.run(20.0)
     boat.tick(PauseMission(paused=True))
-    fix_every, boat.fix_ticks = boat.fix_ticks, 10**9
+    fix_ticks, boat.fix_ticks = boat.fix_ticks, 10**9
     boat.run(30.0)
     assert boat.snapshot.mode is Mode.STEERING
-    boat.fix_ticks = fix_every
+    boat.fix_ticks = fix_ticks
     boat.run(30.0)
     assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
 
@@ -248,7 +248,7 @@ def test_dead_reckoning_and_its_limit():
     boat.get_under_way(Mode.AUTO)
     boat.run(150.0)
     assert boat.snapshot.mission.index == 0
-    fix_every, boat.fix_ticks = boat.fix_ticks, 10**9
+    fix_ticks, boat.fix_ticks = boat.fix_ticks, 10**9
     boat.run(420.0)
     assert boat.times_of("GPS position lost") == boat.times_of("Dead reckoning started: position error grows")
     assert not boat.snapshot.position_ok
@@ -259,7 +259,7 @@ def test_dead_reckoning_and_its_limit():
     assert (state_to_text(read), notes) == (text, ())  # states that contain NaN are never equal
     north_m, east_m = boat.where
     assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.dead_reckoning.sd_m
-    boat.fix_ticks = fix_every
+    boat.fix_ticks = fix_ticks
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
     assert boat.times_of("GPS recovered after 7 min: position error ")

@@ -22,8 +22,8 @@ TURN_S = 60.0
 CAUSES = {
     "delay 12 s": {"delay_s": 12.0},
     "three times the lag, delay 8 s": {"lag": 3.0, "delay_s": 8.0},
-    "slow float": {"follows": (0.12, 0.3)},
-    "slow float, delay 2 s": {"follows": (0.1, 0.4), "delay_s": 2.0},
+    "slow float": {"float_dynamics": (0.12, 0.3)},
+    "slow float, delay 2 s": {"float_dynamics": (0.1, 0.4), "delay_s": 2.0},
     "ten times the lag": {"lag": 10.0},
 }
 

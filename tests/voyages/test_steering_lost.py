@@ -46,7 +46,7 @@ def simulate_turns(name, seed, hours, leg_s=300.0):
     """Simulate random turns; return their number and the times of the first reports of each fault."""
     goals = random_turns(seed, hours, leg_s)
     ticks, _ = voyage.sail(name, seed, goals, hours * 3600.0)
-    lost_s, reversed_s = voyage.lost_and_reversed(ticks)
+    lost_s, reversed_s = voyage.loss_and_reversal_times(ticks)
     return len(goals), [*lost_s[:1], *reversed_s[:1]]
 
 
@@ -97,7 +97,7 @@ def report_times(name, seed, turn_deg, after_s=5.0, limit_s=400.0):
     goals = [(0.0, 0.0), (turn_s, math.radians(turn_deg))]
     lost_blade_s = turn_s + after_s
     ticks, _ = voyage.sail(name, seed, goals, lost_blade_s + limit_s, blade_lost_s=lost_blade_s)
-    lost_s, reversed_s = voyage.lost_and_reversed(ticks)
+    lost_s, reversed_s = voyage.loss_and_reversal_times(ticks)
     report_s = lost_s[0] if lost_s.size else math.inf
     assert lost_blade_s < report_s < min([*reversed_s[:1], math.inf])
     worked = (ticks[:, loop.TICK_S] > lost_blade_s) & (ticks[:, loop.TICK_S] <= report_s)
@@ -155,7 +155,7 @@ def test_reversed_servo_is_reported_within_three_minutes(name, figures):
     with_speed_s = []
     for seed, turn_deg in itertools.product(range(1, 11), (0.0, 60.0)):
         ticks, record = voyage.sail(name, seed, [(0.0, math.radians(turn_deg))], 600.0, parameters=parameters)
-        _, reversed_s = voyage.lost_and_reversed(ticks)
+        _, reversed_s = voyage.loss_and_reversal_times(ticks)
         # There is no evidence until the rudder moves.
         over_s = ticks[np.abs(ticks[:, loop.COMMAND_RAD]) > OVER_RAD, loop.TICK_S]
         report_s.append(reversed_s[0] - over_s[0] if reversed_s.size else math.inf)

@@ -17,7 +17,7 @@ from firmware_py.common.reports import Output
 from firmware_py.log import ardupilot_formats
 from firmware_py.log.ardupilot_state import ArduPilotState, encode_version
 from firmware_py.log.dataflash import Format
-from support.full_log import TICKS, boat, inputs_of, write_log
+from support.full_log import TICKS, inputs_of, snapshot_of, write_log
 from support.graphs import count_graphs
 
 
@@ -79,7 +79,7 @@ def messages_of(kind, ticks, **unknown):
     layout = Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
     sizes = {other.number: other.size for other in ardupilot_formats.TYPES}
     for number, inputs in ticks:
-        output = Output(RudderCommand(0.0, torque_on=True), msgspec.structs.replace(boat(number), **unknown))
+        output = Output(RudderCommand(0.0, torque_on=True), msgspec.structs.replace(snapshot_of(number), **unknown))
         data = state.encode_tick(inputs, output, ParameterSet(), dropped=0, log_all=number == ticks[0][0])
         while data:
             if data[2] == kind.number:
@@ -90,7 +90,7 @@ def messages_of(kind, ticks, **unknown):
 
 def test_a_file_that_starts_at_sea_has_armed_home_and_fence():
     ticks = [(number, inputs_of(number)) for number in range(TICKS - 20, TICKS)]
-    assert boat(TICKS - 20).armed
+    assert snapshot_of(TICKS - 20).armed
     assert [event["Id"] for event in messages_of(ardupilot_formats.EVENT, ticks)] == [10, 25, 41]
 
 

@@ -293,7 +293,8 @@ def test_after_a_failed_call_acknowledged_state_is_stored_and_refused_is_not(
 
     cases, calls = 0, count_calls(None, FAULTS[0])
     for fault in FAULTS[:4] if restart else FAULTS:  # torn and short writes do not depend on a restart
-        for at in itertools.count() if every else sample_calls(calls, 1, f"{action.__name__} {number} {restart} {fault}"):
+        name = f"{action.__name__} {number} {restart} {fault}"
+        for at in itertools.count() if every else sample_calls(calls, 1, name):
             if count_calls(at, fault) <= at:
                 break
             cases += 1
