@@ -395,6 +395,13 @@ def test_overheated_servo_is_rebooted_when_it_is_cool(running, servo):
     assert servo.reboots == 1
 
 
+def test_hot_servo_with_another_error_is_rebooted(running, servo):
+    servo.shut_down(0x01)
+    servo.registers[146] = 78
+    running.ticks(38)
+    assert servo.reboots == 1
+
+
 def test_error_with_torque_on_is_reported_and_the_servo_can_be_released(running, servo):
     servo.registers[70] = 0x01
     feedback = running.ticks(60, shaft_deg=6.0)
