@@ -1,8 +1,8 @@
 """Log download and erasure: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END, LOG_ERASE.
 
-Log numbers form a ring, because ground stations do not agree on the first one: N logs are listed as 0 to N - 1, as
-MAVSDK expects, and N is again the newest log, 0. So 1 to N are all logs, the oldest first, as QGroundControl expects of
-ArduPilot. A log that is compressed on disk is listed and sent uncompressed.
+Log numbers form a ring, because ground stations expect different first numbers. N logs are listed as 0 to N - 1, as
+MAVSDK expects; number N is the same log as 0, the newest one. So 1 to N are all logs from the oldest on, as
+QGroundControl expects of ArduPilot. A log that is compressed on disk is listed and sent uncompressed.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
 
 _LOG_DATA, _LOG_ENTRY = 120, 118
-_BLOCK = 90
+_BLOCK_BYTES = 90
 _DATA = struct.Struct("<IHB")
 _ENTRY = struct.Struct("<IIHHH")
-_FRAME_BYTES = 12 + _DATA.size + _BLOCK
+_FRAME_BYTES = 12 + _DATA.size + _BLOCK_BYTES
 _MAX_PEERS = 4  # served at the same time; each has a file open
-_SILENT_S = 10.0  # of silence: another peer may take over the download
-_MAX_RANGES = 64  # queued for one peer: MAVProxy requests twenty gaps at once
-_CHUNK_BYTES = 512 * _BLOCK  # in one request of MAVSDK and QGroundControl
-_STREAM_BYTES = 256 * _BLOCK  # in a tick, for requests of a whole log: a receive buffer of 208 KiB holds four ticks
+_SILENT_S = 10.0  # silence after which another peer may replace a download
+_MAX_RANGES = 64  # queued for one peer; MAVProxy requests up to twenty gaps together
+_CHUNK_BYTES = 512 * _BLOCK_BYTES  # of one request of MAVSDK and QGroundControl
+_MAX_TICK_BYTES = 256 * _BLOCK_BYTES  # for requests of a whole log; a receive buffer of 208 KiB stores four ticks
 _MAX_LOGS = 0xFFFF
 
 
 class LogFile(NamedTuple):
-    """One log at the time of its listing."""
+    """Log at the time of the listing."""
 
     path: Path
     size: int
@@ -45,10 +45,7 @@ class LogFile(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """A requested part of a log; its end may be beyond the log.
-
-    It refers to the log itself, since the list may change before the part is sent.
-    """
+    """Requested part of a log; its end may exceed the log. The list may change before the part is sent."""
 
     number: int
     log: LogFile
@@ -57,18 +54,18 @@ class _Range(NamedTuple):
 
 
 class _Download:
-    """The download of one peer: entries of the list, then ranges of one log."""
+    """Download of one peer: entries of the list, then ranges of one log."""
 
     def __init__(self) -> None:
         self.entries: Iterator[Packed] | None = None
         self.ranges: deque[_Range] = deque()
-        self.logs: tuple[LogFile, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
+        self.logs: tuple[LogFile, ...] = ()  # the list that was sent to this peer, to which its numbers refer
         self.open_log: LogFile | None = None
         self.file: PlainFile | PackedFile | None = None
-        self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
+        self.granted_bytes = _MAX_TICK_BYTES  # of ranges that are longer than a chunk, in this tick
 
     def read(self, log: LogFile, offset: int, count: int) -> bytes:
-        """Return bytes of a log; OSError if it cannot be read."""
+        """Read bytes of a log; raise OSError if that fails."""
         if self.file is None or self.open_log != log:
             self.close()
             self.file = open_log(log.path)
@@ -83,12 +80,12 @@ class _Download:
 
 
 class LogServer:
-    """Lists, sends and erases the logs of `catalogue`: paths by number, the newest has the highest."""
+    """Lists, sends and erases logs. `catalogue` returns their paths by number; the newest has the highest number."""
 
     def __init__(
         self, context: LinkContext, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
     ) -> None:
-        """Take context, logs and worker; with `logging` the newest log is being written and never erased."""
+        """Store the arguments; with `logging` the newest log is being written and is not erased."""
         self._context = context
         self._catalogue = catalogue
         self._worker = worker
@@ -96,7 +93,7 @@ class LogServer:
         self._downloads: OrderedDict[Peer, _Download] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return the messages handled here."""
+        """Return the handlers by message number."""
         return {117: self._list, 119: self._data, 121: self._erase, 122: self._end}
 
     # ------------------------------------------------------------------ requests
@@ -104,14 +101,14 @@ class LogServer:
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         start, end = message.start, message.end
 
-        def keep(logs: tuple[LogFile, ...] | Exception) -> None:
+        def send_list(logs: tuple[LogFile, ...] | Exception) -> None:
             download = self._download(peer)
             if download is None:
                 return
             download.logs = logs if isinstance(logs, tuple) else ()
             download.entries = self._entries(download.logs, start, end)
 
-        self._worker.submit(self._find_logs, keep)
+        self._worker.submit(self._find_logs, send_list)
 
     def _data(self, peer: Peer, message: Message, now_s: float) -> None:
         download = self._download(peer)
@@ -122,12 +119,12 @@ class LogServer:
         elif download.logs:
             self._queue_range(peer, download, message, now_s)
         else:
-            # A station that uses the list of an earlier connection.
-            def keep(logs: tuple[LogFile, ...] | Exception) -> None:
+            # The station uses the list of an earlier connection.
+            def queue(logs: tuple[LogFile, ...] | Exception) -> None:
                 download.logs = logs if isinstance(logs, tuple) else ()
                 self._queue_range(peer, download, message, self._context.now_s)
 
-            self._worker.submit(self._find_logs, keep)
+            self._worker.submit(self._find_logs, queue)
 
     def _queue_range(self, peer: Peer, download: _Download, message: Message, now_s: float) -> None:
         count = len(download.logs)
@@ -160,25 +157,25 @@ class LogServer:
             download.logs = ()
             download.close()
 
-        def done(erased: int | Exception) -> None:
+        def report(erased: int | Exception) -> None:
             if isinstance(erased, Exception):
                 self._context.send_text_all(Severity.ERROR, f"Logs could not be erased: {erased}"[:200])
             else:
                 self._context.send_text_all(Severity.NOTICE, f"{erased} logs erased")
             self._context.flush_all()
 
-        self._worker.submit(self._erase_all, done)
+        self._worker.submit(self._erase_all, report)
 
     # ------------------------------------------------------------------ on the worker's thread
 
     def _find_logs(self) -> tuple[LogFile, ...]:
-        """Return the logs by number of the ring: the newest, then the others from the oldest on."""
+        """Return the logs in the order of the ring: the newest, then the others from the oldest on."""
         logs = []
         for _, path in sorted(self._catalogue().items())[-_MAX_LOGS + 1 :]:
             try:
                 size, modified_s = _size_and_time(path)
             except OSError:
-                continue  # removed or damaged meanwhile
+                continue  # removed or damaged since the listing
             logs.append(LogFile(path, min(size, 0xFFFFFFFF), max(0, int(modified_s)) & 0xFFFFFFFF))
         return (*logs[-1:], *logs[:-1])
 
@@ -186,7 +183,7 @@ class LogServer:
         logs = sorted(self._catalogue().items())
         erased = logs[:-1] if self._logging else logs
         for _, path in erased:
-            for name in {path, packed_path(path)}:  # it may have been compressed just now
+            for name in {path, packed_path(path)}:  # it may have been compressed since the listing
                 name.unlink(missing_ok=True)
         return len(erased)
 
@@ -195,19 +192,19 @@ class LogServer:
     def _download(self, peer: Peer) -> _Download | None:
         download = self._downloads.get(peer)
         if download is None:
-            self._make_room(self._context.now_s)
+            self._remove_old_downloads(self._context.now_s)
             if len(self._downloads) >= _MAX_PEERS:
                 return None
             download = self._downloads[peer] = _Download()
         return download
 
-    def _make_room(self, now_s: float) -> None:
-        """Remove downloads of peers that are gone; if there are too many, idle and silent ones, too."""
+    def _remove_old_downloads(self, now_s: float) -> None:
+        """Remove downloads of disconnected peers; at the maximum number also idle ones and those of silent peers."""
         present = set(self._context.all_peers())
         for peer, download in tuple(self._downloads.items()):
-            idle = not download.ranges and download.entries is None
-            idle = idle or now_s - peer.last_frame_s > _SILENT_S
-            if peer not in present or (idle and len(self._downloads) >= _MAX_PEERS):
+            is_idle = not download.ranges and download.entries is None
+            is_idle = is_idle or now_s - peer.last_frame_s > _SILENT_S
+            if peer not in present or (is_idle and len(self._downloads) >= _MAX_PEERS):
                 download.close()
                 del self._downloads[peer]
 
@@ -216,7 +213,7 @@ class LogServer:
         if not count:
             yield self._context.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
             return
-        # The whole ring without the second number of the newest, or the requested numbers.
+        # All logs once, or the requested numbers.
         last = min(end, count if start > 0 or end <= count else count - 1)
         for number in range(start, last + 1):
             log = logs[number % count]
@@ -224,12 +221,12 @@ class LogServer:
             yield self._context.codec.pack_payload(_LOG_ENTRY, payload)
 
     def update(self, now_s: float) -> None:  # noqa: ARG002 - a service like the others
-        """Grant downloads of whole logs their bytes of this tick."""
+        """Reset the bytes that downloads of whole logs may send in this tick."""
         for download in self._downloads.values():
-            download.granted_bytes = _STREAM_BYTES
+            download.granted_bytes = _MAX_TICK_BYTES
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Continue the download of a peer, as far as its line has room."""
+        """Continue the download of a peer within the free capacity of its line."""
         download = self._downloads.get(peer)
         if download is None or not (download.ranges or download.entries):
             return
@@ -258,28 +255,28 @@ class LogServer:
         """Queue blocks of the first range; return their number."""
         number, log, start, end = download.ranges[0]
         if end - start > _CHUNK_BYTES and peer.transport.is_datagram:
-            # The station does not acknowledge such a stream: more at once would be lost on a slow reader.
-            frames = min(frames, download.granted_bytes // _BLOCK)
-            download.granted_bytes -= frames * _BLOCK
+            # The station does not acknowledge such a stream, and a slow reader would lose more.
+            frames = min(frames, download.granted_bytes // _BLOCK_BYTES)
+            download.granted_bytes -= frames * _BLOCK_BYTES
             if frames <= 0:
                 return 0
         try:
-            data = download.read(log, start, min(frames * _BLOCK, max(0, min(end, log.size) - start)))
+            data = download.read(log, start, min(frames * _BLOCK_BYTES, max(0, min(end, log.size) - start)))
         except OSError:
             download.ranges.clear()
             download.close()
             return 0
         pack, push = self._context.codec.pack_payload, peer.outbox.push
-        blocks = [data[begin : begin + _BLOCK] for begin in range(0, len(data), _BLOCK)]
-        for place, block in enumerate(blocks):
-            head = _DATA.pack(start + place * _BLOCK, number, len(block))
-            push(pack(_LOG_DATA, head + block), Priority.REPLY)
+        blocks = [data[begin : begin + _BLOCK_BYTES] for begin in range(0, len(data), _BLOCK_BYTES)]
+        for index, block in enumerate(blocks):
+            header = _DATA.pack(start + index * _BLOCK_BYTES, number, len(block))
+            push(pack(_LOG_DATA, header + block), Priority.REPLY)
         sent, start = len(blocks), start + len(data)
         if start < min(end, log.size) and data:
             download.ranges[0] = _Range(number, log, start, end)
             return sent
         if not sent:
-            # Only for a request beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.
+            # Only for a request beyond the end: MAVProxy stops at an empty block even if earlier blocks were lost.
             push(pack(_LOG_DATA, _DATA.pack(start, number, 0)), Priority.REPLY)
             sent = 1
         download.ranges.popleft()
@@ -287,6 +284,6 @@ class LogServer:
 
 
 def _size_and_time(path: Path) -> tuple[int, float]:
-    """Return uncompressed size and time of a log; OSError."""
+    """Return uncompressed size and modification time of a log; raise OSError if it cannot be read."""
     with contextlib.closing(open_log(path)) as file:
         return file.size, file.modified_s

@@ -1,6 +1,6 @@
 """Output of NMEA 0183 for plotters, loggers and other instruments: `nmea:udpout:HOST:PORT?sentences=HDT,RMC&rate=2`.
 
-Source: E. S. Raymond, "NMEA Revealed". A field without a value is empty, and so is one whose value is not fresh.
+Source: E. S. Raymond, "NMEA Revealed". A field whose value is unknown or old is empty.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from firmware_py.link.wire.open_transport import NMEA_PREFIX, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.link.wire.urls import LinkError
 
-LONGEST = 82  # characters of a sentence, with its end
+MAX_SENTENCE_BYTES = 82  # with the line end
 _KNOT_M_S = 1852.0 / 3600.0
 _MILE_M = 1852.0
-_LONGEST_XTE = 9.99
+_MAX_XTE_MILES = 9.99
 _GGA_QUALITY: Mapping[FixType, int] = {FixType.DGPS: 2, FixType.RTK_FIXED: 4, FixType.RTK_FLOAT: 5}
 
 _KINDS = {"udpout": "udpout", "udp": "udpout", "tcpin": "tcpin", "tcpout": "tcpout", "serial": "serial"}
 _FORMS = "nmea:udpout:HOST:PORT, nmea:tcpin:HOST:PORT, nmea:tcpout:HOST:PORT or nmea:serial:PATH:BAUD"
-_SLOWEST_HZ, _FASTEST_HZ = 0.01, 10.0
+_MIN_RATE_HZ, _MAX_RATE_HZ = 0.01, 10.0
 
 
 class NmeaData(msgspec.Struct, frozen=True):
-    """The snapshot after a tick, the time, and the declination in force (east positive)."""
+    """Snapshot after a tick, time, and present declination (east positive)."""
 
     snapshot: Snapshot
     utc_s: float
@@ -42,18 +42,18 @@ class NmeaData(msgspec.Struct, frozen=True):
 
     @property
     def fix(self) -> PositionSample | None:
-        """Return the position while it is fresh and complete."""
+        """The GNSS position; None if it is old or incomplete."""
         fix = self.snapshot.position
-        usable = self.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
-        return fix if usable else None
+        is_usable = self.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+        return fix if is_usable else None
 
     @property
     def heading_rad(self) -> float | None:
-        """Return the heading from true north while it is fresh."""
+        """The heading from true north; None if it is old."""
         return self.snapshot.heading_rad if self.snapshot.heading_ok else None
 
-    def magnetic(self, true_rad: float | None) -> float | None:
-        """Return an angle from magnetic north."""
+    def to_magnetic(self, true_rad: float | None) -> float | None:
+        """Convert an angle from true north to an angle from magnetic north."""
         return None if true_rad is None else true_rad - self.declination_rad
 
 
@@ -61,7 +61,7 @@ Fields = Sequence[str] | None  # None: no sentence
 
 
 def sentence(talker: str, name: str, fields: Sequence[str]) -> bytes:
-    """Return a sentence with its checksum."""
+    """Build a sentence with its checksum."""
     body = ",".join((talker + name, *fields))
     check = 0
     for byte in body.encode("ascii"):
@@ -81,11 +81,11 @@ def _angle(angle_rad: float | None) -> str:
     return f"{round(compass_degrees(angle_rad), 1) % 360.0:.1f}"
 
 
-def _with_side(value: float, places: int, positive: str, negative: str) -> tuple[str, str]:
+def _magnitude_and_side(value: float, places: int, positive: str, negative: str) -> tuple[str, str]:
     return _number(abs(value), places), positive if value >= 0.0 else negative
 
 
-def _place(fix: PositionSample | None) -> tuple[str, str, str, str]:
+def _position(fix: PositionSample | None) -> tuple[str, str, str, str]:
     if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return "", "", "", ""
     longitude_rad = wrap_pi(fix.longitude_rad)
@@ -96,111 +96,113 @@ def _place(fix: PositionSample | None) -> tuple[str, str, str, str]:
 
 
 def _degrees_minutes(angle_rad: float, width: int, sides: str) -> tuple[str, str]:
-    # Rounded as a whole, so that there are never 60 minutes.
+    # The angle is rounded before it is divided, so that there are never 60 minutes.
     units = round(abs(degrees(angle_rad)) * 600_000.0)
     whole, minutes = divmod(units, 600_000)
     return f"{whole:0{width}d}{minutes / 10_000.0:07.4f}", sides[angle_rad < 0.0]
 
 
-def _time_and_date(scene: NmeaData) -> tuple[str, str]:
-    """Return the receiver's time, otherwise the computer's if it is plausible."""
-    fix = scene.fix
-    utc_s = fix.utc_s if fix is not None and fix.utc_s is not None else scene.utc_s
+def _time_and_date(data: NmeaData) -> tuple[str, str]:
+    """Return time and date of the receiver, otherwise of the computer; empty if they are implausible."""
+    fix = data.fix
+    utc_s = fix.utc_s if fix is not None and fix.utc_s is not None else data.utc_s
     if not is_possible(utc_s):
         return "", ""
     whole_s, hundredths = divmod(math.floor(utc_s * 100.0), 100)
-    at = time.gmtime(whole_s)
-    return f"{time.strftime('%H%M%S', at)}.{hundredths:02d}", time.strftime("%d%m%y", at)
+    utc = time.gmtime(whole_s)
+    return f"{time.strftime('%H%M%S', utc)}.{hundredths:02d}", time.strftime("%d%m%y", utc)
 
 
-def _hdt(scene: NmeaData) -> Fields:
-    return None if scene.heading_rad is None else (_angle(scene.heading_rad), "T")
+def _hdt(data: NmeaData) -> Fields:
+    return None if data.heading_rad is None else (_angle(data.heading_rad), "T")
 
 
-def _hdg(scene: NmeaData) -> Fields:
-    if scene.heading_rad is None:
+def _hdg(data: NmeaData) -> Fields:
+    if data.heading_rad is None:
         return None
-    variation = _with_side(degrees(scene.declination_rad), 1, "E", "W")
-    return (_angle(scene.magnetic(scene.heading_rad)), "", "", *variation)
+    variation = _magnitude_and_side(degrees(data.declination_rad), 1, "E", "W")
+    return (_angle(data.to_magnetic(data.heading_rad)), "", "", *variation)
 
 
-def _rot(scene: NmeaData) -> Fields:
-    rate_rad_s = scene.snapshot.yaw_rate_rad_s
-    if scene.heading_rad is None or rate_rad_s is None:
+def _rot(data: NmeaData) -> Fields:
+    rate_rad_s = data.snapshot.yaw_rate_rad_s
+    if data.heading_rad is None or rate_rad_s is None:
         return None
     return (_number(degrees(rate_rad_s) * 60.0), "A")
 
 
-def _rmc(scene: NmeaData) -> Fields:
-    fix = scene.fix
+def _rmc(data: NmeaData) -> Fields:
+    fix = data.fix
     state, mode = ("V", "N") if fix is None else ("A", "A")
     speed = _number(fix.speed_over_ground_m_s, 2, 1.0 / _KNOT_M_S) if fix else ""
     course = _angle(fix.course_over_ground_rad) if fix else ""
-    variation = _with_side(degrees(scene.declination_rad), 1, "E", "W")
-    clock, date = _time_and_date(scene)
-    return (clock, state, *_place(fix), speed, course, date, *variation, mode)
+    variation = _magnitude_and_side(degrees(data.declination_rad), 1, "E", "W")
+    clock, date = _time_and_date(data)
+    return (clock, state, *_position(fix), speed, course, date, *variation, mode)
 
 
-def _gga(scene: NmeaData) -> Fields:
-    fix, clock = scene.fix, _time_and_date(scene)[0]
+def _gga(data: NmeaData) -> Fields:
+    fix, clock = data.fix, _time_and_date(data)[0]
     if fix is None:
         return (clock, "", "", "", "", "0", "", "", "", "M", "", "M", "", "")
     satellites = "" if fix.satellites is None else f"{min(max(fix.satellites, 0), 99):02d}"
     quality = str(_GGA_QUALITY.get(fix.fix, 1))
     height = (_number(fix.altitude_m), "M", "", "M", "", "")
-    return (clock, *_place(fix), quality, satellites, _number(fix.hdop), *height)
+    return (clock, *_position(fix), quality, satellites, _number(fix.hdop), *height)
 
 
-def _rsa(scene: NmeaData) -> Fields:
-    angle_rad = scene.snapshot.rudder_rad if scene.snapshot.rudder_ok else None
-    # Positive turns the boat to starboard, here as in NMEA. There is one rudder.
+def _rsa(data: NmeaData) -> Fields:
+    angle_rad = data.snapshot.rudder_rad if data.snapshot.rudder_ok else None
+    # As in NMEA 0183, positive turns the boat to starboard. The boat has one rudder.
     return ("", "V", "", "V") if angle_rad is None else (_number(degrees(angle_rad)), "A", "", "V")
 
 
-def _off_track(scene: NmeaData) -> tuple[str, str, str] | None:
-    """Return the distance from the line and the side to steer to; None without a line."""
-    navigation = scene.snapshot.navigation
+def _cross_track(data: NmeaData) -> tuple[str, str, str] | None:
+    """Return cross-track distance, side to steer to, and unit; None without a line."""
+    navigation = data.snapshot.navigation
     if navigation.activity is not Activity.LINE or navigation.cross_track_m is None:
         return None
-    distance = min(abs(navigation.cross_track_m) / _MILE_M, _LONGEST_XTE)
+    distance = min(abs(navigation.cross_track_m) / _MILE_M, _MAX_XTE_MILES)
     return _number(distance, 3), "L" if navigation.cross_track_m > 0.0 else "R", "N"
 
 
-def _xte(scene: NmeaData) -> Fields:
-    off = _off_track(scene)
-    return None if off is None or scene.fix is None else ("A", "A", *off, "A")
+def _xte(data: NmeaData) -> Fields:
+    cross_track = _cross_track(data)
+    return None if cross_track is None or data.fix is None else ("A", "A", *cross_track, "A")
 
 
-def _apb(scene: NmeaData) -> Fields:
-    off, snapshot = _off_track(scene), scene.snapshot
-    if off is None or scene.fix is None:
+def _apb(data: NmeaData) -> Fields:
+    cross_track, snapshot = _cross_track(data), data.snapshot
+    if cross_track is None or data.fix is None:
         return None
     index = snapshot.mission.index
     name = "GOAL" if index is None else f"{index + 1:03d}"
     arrived = "A" if snapshot.navigation.arrived else "V"
     line, bearing = _angle(_line_rad(snapshot)), _angle(snapshot.bearing_rad)
-    return ("A", "A", *off, arrived, "V", line, "T", name, bearing, "T", _angle(snapshot.goal_heading_rad), "T", "A")
+    goal = _angle(snapshot.goal_heading_rad)
+    return ("A", "A", *cross_track, arrived, "V", line, "T", name, bearing, "T", goal, "T", "A")
 
 
 def _line_rad(snapshot: Snapshot) -> float | None:
-    """Return the direction of the line to the waypoint."""
+    """Return the direction of the line to the waypoint; None if it is unknown or the boat is beyond it."""
     bearing_rad, distance_m, off_m = snapshot.bearing_rad, snapshot.distance_m, snapshot.navigation.cross_track_m
     if bearing_rad is None or distance_m is None or off_m is None or abs(off_m) >= distance_m:
         return None
     return bearing_rad + math.asin(off_m / distance_m)
 
 
-def _vhw(scene: NmeaData) -> Fields:
-    water = scene.snapshot.water
+def _vhw(data: NmeaData) -> Fields:
+    water = data.snapshot.water
     speed_m_s = water.speed_m_s if water is not None else None
-    if speed_m_s is None and scene.heading_rad is None:
+    if speed_m_s is None and data.heading_rad is None:
         return None
-    heading, magnetic = _angle(scene.heading_rad), _angle(scene.magnetic(scene.heading_rad))
+    heading, magnetic = _angle(data.heading_rad), _angle(data.to_magnetic(data.heading_rad))
     speeds = (_number(speed_m_s, 2, 1.0 / _KNOT_M_S), "N", _number(speed_m_s, 2, 3.6), "K")
     return (heading, "T", magnetic, "M", *speeds)
 
 
-# name -> talker, fields. Talkers: compass, rate of turn, satellite receivers, autopilot, speed through the water.
+# Name: talker, function that returns the fields. Talkers: compass, rate of turn, satellite receivers, autopilot, speed
+# through the water.
 TABLE: Mapping[str, tuple[str, Callable[[NmeaData], Fields]]] = {
     "HDT": ("HC", _hdt),
     "HDG": ("HC", _hdg),
@@ -214,29 +216,29 @@ TABLE: Mapping[str, tuple[str, Callable[[NmeaData], Fields]]] = {
 }
 
 
-def sentences(scene: NmeaData, names: Sequence[str]) -> list[bytes]:
-    """Return the sentences that have a value, in the order of the names."""
-    built = ((talker, name, build(scene)) for name in names for talker, build in (TABLE[name],))
+def sentences(data: NmeaData, names: Sequence[str]) -> list[bytes]:
+    """Build the sentences with these names, without those that have no value."""
+    built = ((talker, name, build(data)) for name in names for talker, build in (TABLE[name],))
     return [sentence(talker, name, fields) for talker, name, fields in built if fields is not None]
 
 
 class NmeaOptions(msgspec.Struct, frozen=True):
-    """Which sentences, and how often."""
+    """Options of an output: names and rate of the sentences."""
 
     sentences: tuple[str, ...] = tuple(TABLE)
     rate_hz: float = 1.0
 
 
 class NmeaOutput:
-    """Sends the sentences to all listeners; received bytes are dropped."""
+    """Sends sentences to all listeners; received bytes are discarded."""
 
     def __init__(self, name: str, transport: Transport, options: NmeaOptions) -> None:
-        """Take the transport."""
+        """Store the URL, the transport and the options."""
         self._name, self._transport, self._options = name, transport, options
         self._due_s = 0.0
         self._sent_bytes = self._dropped = 0
 
-    def publish(self, scene: Callable[[], NmeaData], now_s: float) -> None:
+    def publish(self, get_data: Callable[[], NmeaData], now_s: float) -> None:
         """Send the sentences if they are due; missed intervals are skipped."""
         if now_s < self._due_s:
             return
@@ -249,7 +251,7 @@ class NmeaOutput:
         listeners = (*transport.addresses(), *transport.connections())
         if not listeners:
             return
-        data = b"".join(sentences(scene(), self._options.sentences))
+        data = b"".join(sentences(get_data(), self._options.sentences))
         for address in listeners:
             if not data:
                 continue
@@ -280,18 +282,18 @@ class NmeaOutput:
 def open_output(
     url: str, open_line: Callable[[str, int], ByteLine], say: Callable[[str], None] | None = None
 ) -> NmeaOutput:
-    """Open an output, or raise LinkError; as `open_transport`."""
-    place, _, query = url.removeprefix(NMEA_PREFIX).partition("?")
-    kind, _, rest = place.partition(":")
+    """Open an output; raise LinkError if that fails. `say` is `report_retry` of `open_transport`."""
+    location, _, query = url.removeprefix(NMEA_PREFIX).partition("?")
+    kind, _, rest = location.partition(":")
     if kind not in _KINDS:
-        raise LinkError(f"link {url[:120]!r}: {abbreviate(kind)} is not a way out for NMEA 0183; use {_FORMS}")
+        raise LinkError(f"link {url[:120]!r}: {abbreviate(kind)} is not supported for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
     transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, report_retry=say, receives=False)
-    needed = len(options.sentences) * LONGEST * options.rate_hz
-    if transport.byte_rate is not None and needed > transport.byte_rate:
+    needed_byte_rate = len(options.sentences) * MAX_SENTENCE_BYTES * options.rate_hz
+    if transport.byte_rate is not None and needed_byte_rate > transport.byte_rate:
         transport.close()
         raise LinkError(
-            f"link {url[:120]!r}: {needed:.0f} bytes a second may be needed, and the line carries "
+            f"link {url[:120]!r}: {needed_byte_rate:.0f} bytes/s may be needed, and the line has "
             f"{transport.byte_rate:.0f}; give fewer sentences=, a lower rate= or a faster line"
         )
     return NmeaOutput(url, transport, options)
@@ -308,7 +310,7 @@ def _options(url: str, query: str) -> NmeaOptions:
         else:
             raise LinkError(
                 f"link {url[:120]!r}: {abbreviate(item)}: there are sentences={','.join(TABLE)} "
-                f"and rate={_SLOWEST_HZ:g} to {_FASTEST_HZ:g} (Hz)"
+                f"and rate={_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} (Hz)"
             )
     return NmeaOptions(names, rate_hz)
 
@@ -318,4 +320,4 @@ def _rate_hz(text: str) -> float | None:
         rate_hz = float(text)
     except ValueError:
         return None
-    return rate_hz if _SLOWEST_HZ <= rate_hz <= _FASTEST_HZ else None
+    return rate_hz if _MIN_RATE_HZ <= rate_hz <= _MAX_RATE_HZ else None

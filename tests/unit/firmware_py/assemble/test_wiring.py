@@ -221,7 +221,7 @@ def test_key_on_a_disk_mounted_late_is_used(content, active, expected, vehicle, 
     assembly = assemble_before_disk(vehicle, tmp_path, monkeypatch, content)
     notices_at_start = len(assembly.parts.notices)
     mount_disk(assembly, tmp_path)
-    assert assembly.endpoint._signing.active is active
+    assert assembly.endpoint._signing.has_key is active
     assert bool(assembly.endpoint.key_problem) is (content == b"rubbish")
     texts = [event.text for event in assembly.parts.notices[notices_at_start:] if "igning" in event.text]
     assert [text[: len(start)] for text, start in zip(texts, expected, strict=True)] == expected

@@ -86,7 +86,7 @@ def test_a_line_without_room_loses_whole_sentences_and_counts_that():
         ("nmea:udpout:127.0.0.1:10110?rate=0", "rate=0.01 to 10"),
         ("nmea:udpout:127.0.0.1:10110?policy=open", "there are sentences="),
         ("nmea:udpout:127.0.0.1:99999", "not a port"),
-        ("nmea:serial:/dev/ttyX:4800", "738 bytes a second may be needed, and the line carries 480"),
+        ("nmea:serial:/dev/ttyX:4800", "738 bytes/s may be needed, and the line has 480"),
     ],
 )
 def test_what_cannot_be_names_the_remedy(url, text):

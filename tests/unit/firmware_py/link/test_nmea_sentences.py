@@ -11,7 +11,7 @@ from pynmeagps import NMEAReader
 
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation, Water
-from firmware_py.link.nmea import LONGEST, TABLE, NmeaData, sentences
+from firmware_py.link.nmea import MAX_SENTENCE_BYTES, TABLE, NmeaData, sentences
 from support.link import SNAPSHOT
 
 UTC_S = 1_793_491_201.25  # 2026-11-01 00:00:01.25
@@ -129,7 +129,7 @@ def test_whatever_it_does_both_libraries_read_it(fix, motion, utc_s):
         bearing_rad=bearing_rad, distance_m=distance_m, navigation=Navigation(Activity.LINE, cross_track_m=off_m),
     )  # fmt: skip
     for data in sentences(here, list(TABLE)):
-        assert len(data) <= LONGEST
+        assert len(data) <= MAX_SENTENCE_BYTES
         assert pynmea2.parse(data.decode("ascii"), check=True).render(checksum=False).encode() in data
         assert NMEAReader.parse(data, validate=1) is not None
 
