@@ -1,6 +1,9 @@
-"""Decoding of AIS messages: recordings compared with pyais; limits of single values."""
+"""Decoding of AIS messages: recordings compared with pyais and, if installed, gpsd; limits of single values."""
 
+import json
 import math
+import shutil
+import subprocess
 
 import pyais
 import pytest
@@ -103,6 +106,47 @@ def test_recordings_are_decoded_as_by_pyais(path):
 def test_recordings_contain_every_decoded_type():
     types = {payload.message_type for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
     assert types >= DECODED_TYPES
+
+
+GPSD_NAMES = {
+    "longitude": "lon",
+    "latitude": "lat",
+    "accurate": "accuracy",
+    "name": "shipname",
+    "call_sign": "callsign",
+    "ship_type": "shiptype",
+}
+
+
+def normalise(value):
+    return value.strip() if isinstance(value, str) else int(value)
+
+
+@pytest.mark.skipif(shutil.which("gpsdecode") is None, reason="gpsdecode is not installed (Debian: gpsd-clients)")
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
+def test_recordings_are_decoded_as_by_gpsd(path):
+    lines = b"".join(line + b"\n" for line in path.read_bytes().splitlines() if line.startswith(b"!"))
+    output = subprocess.run(["gpsdecode", "-j", "-u"], input=lines, capture_output=True, check=True).stdout
+    expected = {}
+    for message in map(json.loads, output.splitlines()):
+        if message.get("class") == "AIS" and message["type"] in DECODED_TYPES:
+            key = (message["type"], message["mmsi"], message.get("lon"), message.get("lat"))
+            expected.setdefault(key, []).append(message)
+    compared = 0
+    for _, payload, _ in messages(path):
+        if payload is None:
+            continue
+        values = {GPSD_NAMES.get(name, name): value for name, value in (payload.numbers | payload.texts).items()}
+        message_type = 27 if payload.message_type == 27 else min(payload.message_type, 24)
+        candidates = expected.get((message_type, payload.mmsi, values.get("lon"), values.get("lat")))
+        if not candidates:
+            continue  # gpsd rejects the length, or waits for the second part
+        shared = [name for name in values if all(name in candidate for candidate in candidates)]
+        assert {name: normalise(values[name]) for name in shared} in [
+            {name: normalise(candidate[name]) for name in shared} for candidate in candidates
+        ]
+        compared += bool(shared)
+    assert compared >= 8
 
 
 def payload(message_type, mmsi=211000000, **numbers):
