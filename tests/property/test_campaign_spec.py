@@ -44,7 +44,7 @@ def test_any_content_gives_rows_or_is_refused_by_name(content):
         assert problems
         return
     first_rows = list(rows(spec, 0, min(3, spec.runs)))
-    assert all(draw.ends()[0] is not None for draw in spec.draws.values())
+    assert all(draw.limits()[0] is not None for draw in spec.draws.values())
     assert [row.seconds for row in first_rows] == [spec.seconds] * len(first_rows)
 
 
