@@ -212,10 +212,10 @@ def signing_key(data):
         decoded.store_exactly()
         assert saved[-1] == saved[-2]
         assert signing.set_key(signing._key, 0)
-        assert restore(saved[-1]).active  # with timestamps after the used ones
+        assert restore(saved[-1]).has_key  # with timestamps after the used ones
     assert signing.set_key(b"k" * 32, 0)
     assert signing.problem == ""
-    assert restore(saved[-1]).active
+    assert restore(saved[-1]).has_key
 
 
 def state_import(data):
