@@ -64,7 +64,7 @@ def kinds(messages):
         ("policy=signed-only&trusted=1", True, False, False),
     ],
 )
-def test_what_a_frame_without_a_signature_may_do(linked, options, key, commands, reads):
+def test_unsigned_frame_has_the_rights_of_the_policy(linked, options, key, commands, reads):
     rig = linked(options, key=key)
     rig.tell(ARM, SET, BEAT)
     assert bool(rig.request_handler.intents) is commands
@@ -72,7 +72,7 @@ def test_what_a_frame_without_a_signature_may_do(linked, options, key, commands,
 
 
 @pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-commands", "policy=signed-only"])
-def test_what_is_signed_may_command_on_any_link(linked, options, of):
+def test_signed_frame_may_command_on_any_link(linked, options, of):
     rig = linked(options, key=True)
     sign(rig)
     assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
@@ -81,7 +81,7 @@ def test_what_is_signed_may_command_on_any_link(linked, options, of):
 
 
 @pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-only", "trusted=1"])
-def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, texts):
+def test_wrong_signature_is_refused_on_any_link(linked, options, texts):
     rig = linked(options, key=True)
     sign(rig)
     frame = rig.frame(ARM)
@@ -95,7 +95,7 @@ def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, t
     assert len(rig.request_handler.intents) == 1
 
 
-def test_a_signature_means_nothing_to_a_boat_without_a_key(linked):
+def test_signature_is_ignored_without_a_key(linked):
     rig = linked()
     sign(rig)
     rig.tell(ARM)
@@ -105,7 +105,7 @@ def test_a_signature_means_nothing_to_a_boat_without_a_key(linked):
     assert strict.tell(ARM) == []
 
 
-def test_what_leaves_is_signed_once_there_is_a_key(linked):
+def test_frames_are_signed_after_a_key_is_set(linked):
     rig = linked("trusted=1")
     assert all(message.get_msgbuf()[2] == 0 for message in rig.tick(seconds=1.0))
     rig.tell(SETUP)
@@ -117,7 +117,7 @@ def test_what_leaves_is_signed_once_there_is_a_key(linked):
     assert all(message.get_signed() for message in received)
 
 
-def test_a_signed_line_is_not_asked_for_more_than_it_carries(linked):
+def test_signatures_count_for_the_rate_of_a_line(linked):
     rig = linked("policy=open", key=True, byte_rate=200.0, has_radio_rates=True)
     rig.replies()
     sent = 0
@@ -128,7 +128,7 @@ def test_a_signed_line_is_not_asked_for_more_than_it_carries(linked):
     assert 0.7 * 200 * 30 < sent <= 200 * 30 + 280
 
 
-def test_a_stranger_without_a_signature_draws_nothing_on_a_signed_link(linked):
+def test_unsigned_sender_gets_no_reply_on_a_signed_link(linked):
     rig = linked("policy=signed-only", key=True, addresses=())
     assert rig.tell(BEAT, READ, address="stranger") == []
     rig.tick_silently(seconds=1.0)
@@ -137,7 +137,7 @@ def test_a_stranger_without_a_signature_draws_nothing_on_a_signed_link(linked):
     assert rig.tell(BEAT, address="station") != []
 
 
-def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
+def test_sender_with_an_old_timestamp_gets_a_signed_heartbeat_only(linked):
     rig = linked("policy=signed-only", key=True, addresses=())
     sign(rig)
     rig.tell(BEAT, address="station")
@@ -151,7 +151,7 @@ def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
     assert len(rig.request_handler.intents) == before
 
 
-def test_a_radio_modem_is_heard_without_a_signature(linked):
+def test_radio_status_needs_no_signature(linked):
     rig = linked("policy=signed-only", key=True)
     before = rig.endpoint._gate.refused_frames
     rig.tell(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
@@ -163,7 +163,7 @@ def test_a_radio_modem_is_heard_without_a_signature(linked):
 # --------------------------------------------------------------------------- refusals
 
 
-def test_who_may_not_command_is_reported_in_the_words_of_the_protocol(linked, of, texts):
+def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
     replies = rig.tell(ARM, SET)
     ack, error = (message for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
@@ -193,7 +193,7 @@ def test_who_may_not_command_is_reported_in_the_words_of_the_protocol(linked, of
     assert answers[5].payload[:6] == [6, 0, 0, 129, 1, 6]
 
 
-def test_asking_is_no_command(linked, of):
+def test_request_for_data_is_not_a_command(linked, of):
     rig = linked("policy=signed-commands")
     rig.tick(home=None)
     (ack,) = of(rig.tell(HOME), "COMMAND_ACK")
@@ -204,7 +204,7 @@ def test_asking_is_no_command(linked, of):
     assert of(rig.tell(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
 
 
-def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
+def test_refusals_are_limited(linked):
     rig = linked("policy=signed-commands")
     replies = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
     assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == MAX_BURST_DENIALS
@@ -217,7 +217,7 @@ def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
 # --------------------------------------------------------------------------- systems and MAVLink 1
 
 
-def test_only_systems_on_the_list_command(linked, texts):
+def test_only_listed_systems_may_command(linked, texts):
     rig = linked("systems=254,255")
     rig.tell(ARM)
     assert len(rig.request_handler.intents) == 1
@@ -228,7 +228,7 @@ def test_only_systems_on_the_list_command(linked, texts):
     assert len(rig.request_handler.intents) == 1
 
 
-def test_a_signature_does_not_make_up_for_a_system_that_is_not_on_the_list(linked):
+def test_signed_frame_of_an_unlisted_system_may_not_command(linked):
     rig = linked("systems=7&trusted=1", key=True)
     sign(rig)
     rig.tell(ARM, REMOVE)
@@ -236,7 +236,7 @@ def test_a_signature_does_not_make_up_for_a_system_that_is_not_on_the_list(linke
     assert rig.endpoint._signing.has_key
 
 
-def test_mavlink_1_is_heard_or_not_by_parameter(linked):
+def test_parameter_disables_mavlink1(linked):
     rig = linked()
     old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
     arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
@@ -251,7 +251,7 @@ def test_mavlink_1_is_heard_or_not_by_parameter(linked):
     assert len(rig.request_handler.intents) == 2
 
 
-def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(linked):
+def test_mavlink1_may_not_command_if_signatures_are_required(linked):
     rig = linked("policy=signed-commands", key=True)
     old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
     # What would be the signed flag of MAVLink 2 is the sequence number here.
@@ -263,7 +263,7 @@ def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(li
 # --------------------------------------------------------------------------- SETUP_SIGNING
 
 
-def test_a_key_is_set_over_a_trusted_link_only(linked, texts):
+def test_key_is_set_over_a_trusted_link_only(linked, texts):
     rig = linked()
     (refusal,) = texts(rig.tell(SETUP))
     assert all(part in refusal for part in ("SETUP_SIGNING refused", "rambler key set", "?trusted=1"))
@@ -272,7 +272,7 @@ def test_a_key_is_set_over_a_trusted_link_only(linked, texts):
 
 
 @pytest.mark.parametrize("options", ["trusted=1", "trusted=1&policy=signed-only", "trusted=1&policy=signed-commands"])
-def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, options, texts):
+def test_key_is_set_and_removed_over_a_trusted_link_with_any_policy(linked, options, texts):
     rig = linked(options)
     assert texts(rig.tell(SETUP)) == ["Signing key set"]
     assert KEY.hex().encode() in rig.vault.contents[-1]
@@ -283,7 +283,7 @@ def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, opti
     assert not rig.endpoint._signing.has_key
 
 
-def test_the_key_is_reported_to_no_peer(linked):
+def test_key_is_not_sent_to_any_peer(linked):
     rig = linked("trusted=1", addresses=("station", "other"))
     rig.transport.inbox.append(("station", rig.frame(SETUP)))
     rig.endpoint.service(0.0, [100])
@@ -291,7 +291,7 @@ def test_the_key_is_reported_to_no_peer(linked):
     assert KEY not in b"".join(data for _, data in rig.transport.sent)
 
 
-def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
+def test_failed_storage_of_a_key_is_reported(linked, texts):
     rig = linked("trusted=1")
     rig.vault.at_once = False
     assert texts(rig.tell(SETUP)) == []
@@ -300,7 +300,7 @@ def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
 
 
 @pytest.mark.parametrize(("key", "timestamp"), [(bytes(32), 1), (KEY, 2**64 - 1), (KEY, 2**48)])
-def test_what_is_no_key_is_refused_and_the_old_one_stands(linked, key, timestamp, texts):
+def test_invalid_key_is_refused(linked, key, timestamp, texts):
     rig = linked("trusted=1", key=True)
     before = list(rig.vault.contents)
     replies = rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
@@ -308,13 +308,13 @@ def test_what_is_no_key_is_refused_and_the_old_one_stands(linked, key, timestamp
     assert rig.vault.contents == before
 
 
-def test_a_setup_for_another_system_is_left_alone(linked):
+def test_setup_signing_of_another_system_is_ignored(linked):
     rig = linked("trusted=1")
     rig.tell(mavlink.MAVLink_setup_signing_message(2, 1, KEY, NOW))
     assert not rig.endpoint._signing.has_key
 
 
-def test_a_station_with_another_key_can_set_it_over_a_trusted_link(linked):
+def test_station_with_another_key_sets_it_over_a_trusted_link(linked):
     rig = linked("trusted=1", key=True)
     other = bytes(32 * [9])
     sign(rig, other)
@@ -323,7 +323,7 @@ def test_a_station_with_another_key_can_set_it_over_a_trusted_link(linked):
     assert rig.request_handler.intents == [Arm(True, False)]
 
 
-def test_the_key_and_the_timestamps_survive_a_restart(linked, make_rig):
+def test_key_and_timestamps_are_restored_at_the_next_start(linked, make_rig):
     rig = linked("policy=signed-only&trusted=1")
     rig.tell(SETUP)
     sign(rig)
@@ -361,7 +361,7 @@ UNTRUSTED = ["policy=auto", "policy=open", "policy=signed-commands", "policy=sig
 
 
 @pytest.mark.parametrize("options", UNTRUSTED)
-def test_without_the_key_that_was_set_an_untrusted_link_is_shut(bereft, options):
+def test_untrusted_link_accepts_nothing_after_loss_of_the_key(bereft, options):
     rig = bereft(options)
     assert rig.endpoint.key_problem == "signing.key.0 is damaged, signing.key.1 is damaged"
     for key in (None, KEY):
@@ -374,7 +374,7 @@ def test_without_the_key_that_was_set_an_untrusted_link_is_shut(bereft, options)
     assert rig.vault.contents == []
 
 
-def test_a_stranger_draws_nothing_from_a_boat_whose_key_was_lost(bereft):
+def test_sender_gets_no_reply_after_loss_of_the_key(bereft):
     rig = bereft(addresses=())
     for _ in range(3):
         assert rig.tell(BEAT, READ, ARM, address="stranger") == []
@@ -382,7 +382,7 @@ def test_a_stranger_draws_nothing_from_a_boat_whose_key_was_lost(bereft):
     assert rig.transport.sent == []
 
 
-def test_whom_a_link_leads_to_is_reported_of_the_lost_key_unsigned(bereft, texts):
+def test_loss_of_the_key_is_reported_to_permanent_peers_unsigned(bereft, texts):
     rig = bereft()
     replies = rig.tick(seconds=1.0, events=(Event(Severity.CRITICAL, "Signing key lost"),))
     assert texts(replies) == ["Signing key lost"]
@@ -391,7 +391,7 @@ def test_whom_a_link_leads_to_is_reported_of_the_lost_key_unsigned(bereft, texts
 
 
 @pytest.mark.parametrize("key", [None, KEY])
-def test_over_a_trusted_link_all_is_as_ever_when_the_key_was_lost(bereft, of, key):
+def test_trusted_link_works_after_loss_of_the_key(bereft, of, key):
     rig = bereft("trusted=1")
     if key:
         sign(rig)  # a station that has it still
@@ -403,9 +403,7 @@ def test_over_a_trusted_link_all_is_as_ever_when_the_key_was_lost(bereft, of, ke
     ("setup", "replies", "unsigned_commands"),
     [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)],
 )
-def test_over_a_trusted_link_a_lost_key_is_set_or_removed_and_the_others_are_as_before(
-    bereft, setup, replies, unsigned_commands, texts
-):
+def test_lost_key_is_set_or_removed_over_a_trusted_link(bereft, setup, replies, unsigned_commands, texts):
     rig = bereft("trusted=1")
     assert texts(rig.tell(setup)) == [replies]
     assert rig.endpoint.key_problem == ""

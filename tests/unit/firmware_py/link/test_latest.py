@@ -7,7 +7,7 @@ from firmware_py.link.latest import keep_latest
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers())), st.integers(1, 8))
-def test_the_latest_values_are_kept_in_their_order_and_no_more_than_so_many(kept, most):
+def test_latest_values_are_kept_up_to_the_maximum(kept, most):
     table = OrderedDict()
     for key, value in kept:
         keep_latest(table, key, value, most)

@@ -26,7 +26,7 @@ def listener():
 
 
 @pytest.mark.parametrize("kind", ["udp", "udpout"])
-def test_a_datagram_holds_the_sentences_that_were_chosen_at_the_rate_that_was_chosen(listener, kind):
+def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener, kind):
     url = f"nmea:{kind}:127.0.0.1:{listener.getsockname()[1]}?sentences=RSA,HDT&rate=2"
     with closing(open_output(url, None)) as output:
         for tenth in range(10):
@@ -36,7 +36,7 @@ def test_a_datagram_holds_the_sentences_that_were_chosen_at_the_rate_that_was_ch
         assert (reports.url, reports.rates, reports.peers[0].sent_bytes) == (url, "NMEA 0183", 2 * (21 + 18))
 
 
-def test_late_ones_are_left_out(listener):
+def test_missed_intervals_are_skipped(listener):
     with closing(open_output(f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}", None)) as output:
         output.publish(scene, 0.0)
         once = output.status(0.0).peers[0].sent_bytes
@@ -45,7 +45,7 @@ def test_late_ones_are_left_out(listener):
         assert output.status(0.0).peers[0].sent_bytes == 2 * once
 
 
-def test_several_listen_over_tcp_and_what_they_say_is_forgotten():
+def test_several_tcp_listeners_receive_and_their_bytes_are_discarded():
     (port,) = unused_ports(["tcpin"])
     with closing(open_output(f"nmea:tcpin:127.0.0.1:{port}?sentences=HDT", None)) as output:
         clients = [socket.create_connection(("127.0.0.1", port), timeout=30) for _ in range(2)]
@@ -62,7 +62,7 @@ def test_several_listen_over_tcp_and_what_they_say_is_forgotten():
         assert output.status(0.0).peers[0].address == "0 listening"
 
 
-def test_a_line_without_room_loses_whole_sentences_and_counts_that():
+def test_full_line_drops_and_counts_complete_messages():
     line = FakeLine()
     with closing(open_output("nmea:serial:/dev/ttyX:4800?sentences=HDT", lambda *_: line)) as output:
         line.full = True
@@ -89,7 +89,7 @@ def test_a_line_without_room_loses_whole_sentences_and_counts_that():
         ("nmea:serial:/dev/ttyX:4800", "738 bytes/s may be needed, and the line has 480"),
     ],
 )
-def test_what_cannot_be_names_the_remedy(url, text):
+def test_invalid_url_is_an_error_with_a_remedy(url, text):
     with pytest.raises(LinkError) as caught:
         open_output(url, lambda *_: FakeLine())
     assert text in str(caught.value)

@@ -40,19 +40,19 @@ def replies(name, **changes):
     return pynmea2.parse(found[0].decode("ascii"), check=True)
 
 
-def test_heading_true_and_magnetic_and_the_rate_of_turn():
+def test_heading_sentences_are_true_and_magnetic():
     assert replies("HDT").data == ["350.0", "T"]
     assert replies("HDG").data == ["2.3", "", "", "12.3", "W"]
     assert replies("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
     assert replies("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
 
 
-def test_north_is_never_360():
+def test_north_is_0_degrees():
     assert replies("HDT", heading_rad=math.radians(359.97)).heading == 0
     assert replies("HDT", heading_rad=math.radians(-0.01)).heading == 0
 
 
-def test_place_time_and_way_over_ground():
+def test_position_sentences_contain_time_and_velocity():
     rmc = replies("RMC")
     assert (rmc.latitude, rmc.longitude, rmc.status) == (-33.5, 151.25, "A")
     assert (str(rmc.datestamp), rmc.timestamp.isoformat()) == ("2026-11-01", "00:00:01.250000+00:00")
@@ -63,14 +63,14 @@ def test_place_time_and_way_over_ground():
     assert replies("GGA", position=msgspec.structs.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
 
 
-def test_there_are_never_60_minutes():
+def test_minutes_are_below_60():
     position = msgspec.structs.replace(
         FIX, latitude_rad=math.radians(47.99999999), longitude_rad=math.radians(-8.99999999)
     )
     assert (replies("RMC", position=position).lat, replies("RMC", position=position).lon) == ("4800.0000", "00900.0000")
 
 
-def test_without_a_fix_no_peer_is_shown_an_old_place():
+def test_old_position_is_not_sent():
     assert (replies("RMC", position_ok=False).status, replies("RMC", position_ok=False).lat) == ("V", "")
     assert (replies("GGA", position_ok=False).gps_qual, replies("GGA", position_ok=False).lat) == (0, "")
     assert replies("XTE", position_ok=False, **LINE) is None
@@ -80,7 +80,7 @@ def test_without_a_fix_no_peer_is_shown_an_old_place():
     )
 
 
-def test_without_a_heading_and_without_a_line_nothing_is_said():
+def test_sentences_without_a_value_are_omitted():
     for name in ("HDT", "HDG", "ROT"):
         assert replies(name, heading_ok=False) is None
     assert replies("XTE") is None
@@ -88,12 +88,12 @@ def test_without_a_heading_and_without_a_line_nothing_is_said():
     assert replies("VHW", heading_ok=False) is None
 
 
-def test_the_rudder_to_starboard_is_positive_and_one_that_is_not_measured_is_marked():
+def test_rudder_to_starboard_is_positive_and_missing_rudder_is_invalid():
     assert replies("RSA", rudder_rad=math.radians(-11.6)).data == ["-11.6", "A", "", "V"]
     assert replies("RSA", rudder_ok=False).data == replies("RSA", rudder_rad=None).data == ["", "V", "", "V"]
 
 
-def test_off_the_line_to_starboard_means_steer_left():
+def test_boat_to_starboard_of_the_line_steers_left():
     xte = replies("XTE", **LINE)
     assert (float(xte.cross_track_err_dist), xte.correction_dir, xte.dist_units) == (0.1, "L", "N")
     port = LINE | {"navigation": msgspec.structs.replace(LINE["navigation"], cross_track_m=-185.2)}
@@ -104,7 +104,7 @@ def test_off_the_line_to_starboard_means_steer_left():
     assert apb[7:] == ["110.0", "T", "007", "80.0", "T", "114.6", "T", "A"]
 
 
-def test_speed_through_the_water_in_knots_and_kilometres():
+def test_water_speed_is_in_knots_and_kilometres_per_hour():
     vhw = replies("VHW", water=Water(0.4, 0.1, 0.0, 0.0, 0.1))
     assert vhw.data == ["350.0", "T", "2.3", "M", "0.78", "N", "1.44", "K"]
 
@@ -120,7 +120,7 @@ MAYBE = st.none() | st.just(math.nan) | st.just(math.inf)
     st.tuples(ANGLES, MAYBE | ANGLES, MAYBE | ANGLES, st.floats(-1e7, 1e7), st.floats(0.0, 1e7), ANGLES),
     st.floats(0.0, 5e9),
 )
-def test_whatever_it_does_both_libraries_read_it(fix, motion, utc_s):
+def test_sentences_of_any_snapshot_are_parsed_by_both_libraries(fix, motion, utc_s):
     latitude_rad, longitude_rad, altitude_m, speed_m_s = fix
     heading_rad, rate_rad_s, course_rad, off_m, distance_m, bearing_rad = motion
     position = PositionSample(0.0, FixType.FIX_3D, latitude_rad, longitude_rad, altitude_m, speed_m_s, course_rad)
@@ -135,7 +135,7 @@ def test_whatever_it_does_both_libraries_read_it(fix, motion, utc_s):
 
 
 @pytest.mark.parametrize("name", list(TABLE))
-def test_each_sentence_ends_as_it_should(name):
+def test_sentences_end_with_checksum_and_line_end(name):
     for data in sentences(scene(**LINE), [name]):
         assert data.startswith(b"$")
         assert data.endswith(b"\r\n")

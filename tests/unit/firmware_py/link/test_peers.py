@@ -47,27 +47,27 @@ def seated(rig):
     return {peer.address for peer in rig.endpoint._peers}
 
 
-def test_noise_from_a_stranger_draws_nothing(open_rig):
+def test_noise_of_an_unknown_sender_gets_no_reply(open_rig):
     open_rig.give(b"\xfd\x00noise" * 50, "stranger")
     assert open_rig.tick() == []
     assert open_rig.endpoint._peers.rejected == 1
 
 
-def test_who_is_heard_once_gets_a_few_heartbeats_and_then_silence(open_rig):
+def test_sender_of_one_frame_gets_a_few_heartbeats_only(open_rig):
     replies = without_unrequested([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
     assert set(kinds(replies)) == {"HEARTBEAT"}
     assert 2 <= len(replies) <= 10
     assert seated(open_rig) == set()
 
 
-def test_who_answers_gets_a_place_and_everything_in_it(open_rig):
+def test_peer_that_sends_again_becomes_active(open_rig):
     assert kinds(open_rig.tell(BEAT, address="station")) == ["HEARTBEAT"]
     open_rig.tell(BEAT, address="station")
     assert seated(open_rig) == {"station"}
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
 
-def test_who_uploads_before_he_has_a_place_is_not_gone(open_rig):
+def test_pending_peer_that_uploads_is_not_removed(open_rig):
     """Another one is refused meanwhile: it does not take its turn as if the first had left."""
     count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
     replies = open_rig.tell(count, address="first")
@@ -78,14 +78,14 @@ def test_who_uploads_before_he_has_a_place_is_not_gone(open_rig):
     assert acks == [mavlink.MAV_MISSION_DENIED]
 
 
-def test_the_rest_of_one_datagram_is_no_answer(open_rig):
+def test_rest_of_a_datagram_does_not_prove_the_peer(open_rig):
     """It is looked at in pieces, with answers between them."""
     pings = b"".join(open_rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
     open_rig.give(pings, "victim")
     assert seated(open_rig) == set()
 
 
-def test_a_long_answer_begins_within_the_credit_and_is_whole_once_it_was_proven(open_rig):
+def test_long_reply_is_completed_after_the_peer_is_proven(open_rig):
     first = open_rig.tell(READ_ALL, address="station")
     second = open_rig.tell(BEAT, address="station")
     assert 0 < kinds(first).count("PARAM_VALUE") <= 5
@@ -93,7 +93,7 @@ def test_a_long_answer_begins_within_the_credit_and_is_whole_once_it_was_proven(
     assert rows == list(range(len(TABLE)))
 
 
-def test_who_falls_silent_has_to_prove_again_that_he_is_there(open_rig):
+def test_silent_peer_must_prove_its_address_again(open_rig):
     open_rig.prove()
     open_rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     assert open_rig.ticks(300) == []
@@ -103,7 +103,7 @@ def test_who_falls_silent_has_to_prove_again_that_he_is_there(open_rig):
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
 
-def test_who_signs_is_proven_at_once_and_stays_so(keyed):
+def test_signing_peer_is_proven_at_once(keyed):
     rig = keyed()
     sign(rig)
     rig.tell(BEAT, address="station")
@@ -113,7 +113,7 @@ def test_who_signs_is_proven_at_once_and_stays_so(keyed):
     assert rig.transport.sent
 
 
-def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
+def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):
     for number in range(MAX_ACTIVE_PEERS):
         open_rig.now_s += 1.0
         open_rig.prove(number)
@@ -125,7 +125,7 @@ def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
     assert seated(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
 
 
-def test_places_are_shared_by_address(open_rig):
+def test_capacity_is_shared_between_hosts(open_rig):
     for port in range(2 * MAX_ACTIVE_PEERS):
         open_rig.prove(("crowd", port))
     assert len(seated(open_rig)) == MAX_ACTIVE_PEERS
@@ -136,7 +136,7 @@ def test_places_are_shared_by_address(open_rig):
     assert len(set(hosts)) == 1 + MAX_ACTIVE_PEERS // 2
 
 
-def test_a_keyed_station_always_finds_a_place_and_strangers_get_few(keyed):
+def test_station_with_the_key_is_always_admitted(keyed):
     rig = keyed()
     for number in range(MAX_ACTIVE_PEERS):
         rig.prove((f"127.0.0.{number}", 1))
@@ -147,7 +147,7 @@ def test_a_keyed_station_always_finds_a_place_and_strangers_get_few(keyed):
     assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
 
 
-def test_who_only_waits_takes_no_place_and_holds_no_peer_up(open_rig):
+def test_pending_peers_do_not_block_others(open_rig):
     for number in range(10 * MAX_PENDING_PEERS):
         open_rig.tell(BEAT, address=(f"host {number}", 1))
     assert len(tuple(open_rig.endpoint._peers.all_peers())) == MAX_PENDING_PEERS
@@ -155,7 +155,7 @@ def test_who_only_waits_takes_no_place_and_holds_no_peer_up(open_rig):
     assert seated(open_rig) == {"station"}
 
 
-def test_one_address_cannot_push_another_out_of_those_who_wait(open_rig):
+def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
     open_rig.tell(BEAT, address=("station", 1))
     for port in range(10 * MAX_PENDING_PEERS):
         open_rig.tell(BEAT, address=("crowd", port))
@@ -163,7 +163,7 @@ def test_one_address_cannot_push_another_out_of_those_who_wait(open_rig):
     assert seated(open_rig) == {("station", 1)}
 
 
-def test_a_peer_that_speaks_stays_and_a_silent_one_is_forgotten(open_rig):
+def test_silent_peer_is_removed(open_rig):
     open_rig.prove("speaks")
     open_rig.prove("silent")
     open_rig.now_s += FORGET_S - 1.0
@@ -172,14 +172,14 @@ def test_a_peer_that_speaks_stays_and_a_silent_one_is_forgotten(open_rig):
     assert seated(open_rig) == {"speaks"}
 
 
-def test_a_permanent_peer_stays_however_silent(rig):
+def test_permanent_peer_is_not_removed(rig):
     rig.tick(seconds=10 * FORGET_S)
     assert len(rig.endpoint._peers) == 1
     rig.tick_silently(seconds=1.0)
     assert rig.transport.sent
 
 
-def test_the_status_has_the_age_of_the_latest_valid_frame_and_none_before_the_first(rig):
+def test_status_contains_the_age_of_the_latest_valid_frame(rig):
     def heard_age_s():
         (link,) = rig.endpoint.status(rig.now_s)
         return link.peers[0].heard_age_s
@@ -192,7 +192,7 @@ def test_the_status_has_the_age_of_the_latest_valid_frame_and_none_before_the_fi
     assert heard_age_s() == 2.5
 
 
-def test_a_connection_that_is_lost_goes_at_once(make_rig):
+def test_closed_connection_is_removed_at_once(make_rig):
     rig = make_rig(is_datagram=False)
     rig.tick()
     rig.transport.served = ()
@@ -200,7 +200,7 @@ def test_a_connection_that_is_lost_goes_at_once(make_rig):
     assert len(rig.endpoint._peers) == 0
 
 
-def test_parsers_do_not_mix_peers(make_rig):
+def test_bytes_of_peers_are_not_mixed(make_rig):
     rig = make_rig(addresses=("one", "two"), options=parse_options("route=0"))
     rig.tick()
     frame = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
@@ -228,7 +228,7 @@ def connected(make_rig):
 
 
 @pytest.mark.parametrize(("policy", "gets"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
-def test_a_client_without_a_frame_takes_no_place_and_is_dropped_after_its_time(connected, policy, gets):
+def test_client_without_a_frame_is_dropped(connected, policy, gets):
     rig = connected(f"policy={policy}", key=True)
     assert {kind for _ in range(9) for kind in kinds(without_unrequested(rig.tick(seconds=1.0)))} <= gets
     assert rig.transport.dropped == []
@@ -237,7 +237,7 @@ def test_a_client_without_a_frame_takes_no_place_and_is_dropped_after_its_time(c
     assert rig.transport.dropped == [("client", 1)]
 
 
-def test_noise_is_no_frame(connected):
+def test_client_with_noise_is_dropped(connected):
     rig = connected()
     for _ in range(11):
         rig.give(b"\xfd\x09noise", ("client", 1))
@@ -245,7 +245,7 @@ def test_noise_is_no_frame(connected):
     assert rig.transport.dropped == [("client", 1)]
 
 
-def test_a_client_has_a_place_from_its_first_frame_and_loses_it_when_it_says_nothing_more(connected):
+def test_client_is_active_from_its_first_frame_until_it_is_silent(connected):
     rig = connected()
     assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("client", 1)))
     assert seated(rig) == {("client", 1)}
@@ -256,7 +256,7 @@ def test_a_client_has_a_place_from_its_first_frame_and_loses_it_when_it_says_not
     assert rig.transport.dropped == [("client", 1)]
 
 
-def test_silent_connections_do_not_keep_a_station_out(connected):
+def test_silent_connections_do_not_exclude_a_station(connected):
     rig = connected("policy=signed-only", key=True)
     rig.transport.connected += tuple(("crowd", number) for number in range(4 * MAX_PENDING_PEERS))
     rig.tick()
@@ -267,7 +267,7 @@ def test_silent_connections_do_not_keep_a_station_out(connected):
     assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("station", 1)))
 
 
-def test_a_station_behind_gets_a_heartbeat_to_go_by_over_a_connection(connected):
+def test_station_with_an_old_timestamp_gets_a_signed_heartbeat_on_a_connection(connected):
     rig = connected("policy=signed-only", key=True)
     sign(rig)
     rig.station.signing.timestamp = NOW - 120 * 100_000
@@ -290,7 +290,7 @@ def test_a_station_behind_gets_a_heartbeat_to_go_by_over_a_connection(connected)
         ("trusted=1", True, False, True),
     ],
 )
-def test_whose_heartbeats_hold_station_silent_off(make_rig, options, key, signed, counts):
+def test_heartbeats_of_ground_stations_prevent_station_silent(make_rig, options, key, signed, counts):
     rig = make_rig(options=parse_options(options), addresses=())
     if key:
         assert rig.endpoint._signing.set_key(KEY, NOW)
@@ -317,7 +317,7 @@ def test_whose_heartbeats_hold_station_silent_off(make_rig, options, key, signed
         ((254, 190), 6, "systems=255", True, False),
     ],
 )
-def test_only_a_station_that_may_command_keeps_station_silent_off(make_rig, sender, kind, options, key, counts):
+def test_only_a_commanding_station_prevents_station_silent(make_rig, sender, kind, options, key, counts):
     rig = make_rig(options=parse_options(options), addresses=())
     if key:
         assert rig.endpoint._signing.set_key(KEY, NOW)
@@ -331,7 +331,7 @@ def test_only_a_station_that_may_command_keeps_station_silent_off(make_rig, send
 
 
 @pytest.mark.parametrize("byte_rate", [None, 5760.0])
-def test_radio_status_goes_on_over_a_line_and_is_nothing_on_a_network(keyed, byte_rate):
+def test_radio_status_is_accepted_on_a_line_only(keyed, byte_rate):
     rig = keyed("policy=signed-only", byte_rate=byte_rate)
     rig.transport.served = () if byte_rate is None else ("line",)
     rig.tick()
@@ -342,7 +342,7 @@ def test_radio_status_goes_on_over_a_line_and_is_nothing_on_a_network(keyed, byt
     assert rig.endpoint._gate.refused_frames == 0
 
 
-def test_an_open_link_that_others_reach_is_reported_at_start(make_rig, texts):
+def test_exposed_open_link_is_reported_at_start(make_rig, texts):
     reports = ["Open link: anyone on memory can command; set a signing key"]
     for options, exposed, key, expected in [
         ("policy=auto", True, False, reports),
@@ -361,7 +361,7 @@ def test_an_open_link_that_others_reach_is_reported_at_start(make_rig, texts):
 
 
 @pytest.mark.parametrize(("armed", "first"), [(True, [*["PARAM_VALUE"] * 2, "HEARTBEAT"]), (False, ["HEARTBEAT"])])
-def test_arming_checks_are_reported_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
+def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
     """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
     rig = make_rig(addresses=())
     rig.tick(armed=armed)
@@ -373,7 +373,7 @@ def test_arming_checks_are_reported_before_the_first_heartbeat_of_an_armed_boat(
     assert kinds(replies).count("PARAM_VALUE") == 0
 
 
-def test_anyone_who_listens_unheard_is_reported_of_arming_checks_before_each_heartbeat(rig, of):
+def test_silent_peer_is_sent_arming_checks_before_each_heartbeat(rig, of):
     """On a link that the boat opens itself: a station may come at any time, or come again."""
     kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
     assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
@@ -382,7 +382,7 @@ def test_anyone_who_listens_unheard_is_reported_of_arming_checks_before_each_hea
     assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2
 
 
-def test_a_link_by_which_nothing_leaves_is_reported_once_to_those_on_others(rig, texts):
+def test_blocked_link_is_reported_once_over_the_other_links(rig, texts):
     rig.tick()
     reports = []
     for blocked_reason in ("network is unreachable", "", "network is unreachable"):

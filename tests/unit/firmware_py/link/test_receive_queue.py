@@ -18,7 +18,7 @@ def taken(estimator):
     return found
 
 
-def test_everybody_has_his_turn(estimator):
+def test_peers_are_processed_in_turn(estimator):
     for number in range(3):
         estimator.offer(0, "one", b"a%d" % number)
     estimator.offer(0, "two", b"b")
@@ -34,7 +34,7 @@ def test_everybody_has_his_turn(estimator):
         estimator.pop()
 
 
-def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(estimator):
+def test_bytes_beyond_a_share_are_dropped(estimator):
     for _ in range(1000):
         estimator.offer(0, "one", bytes(1000))
     estimator.offer(0, "two", b"b")
@@ -46,7 +46,7 @@ def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(estimator
     assert len(taken(estimator)) == 1
 
 
-def test_the_rest_of_a_piece_comes_before_what_was_sent_later(estimator):
+def test_rest_of_a_piece_is_processed_before_later_bytes(estimator):
     estimator.offer(0, "one", b"whole")
     estimator.offer(0, "one", b"later")
     index, address, data = estimator.pop()
@@ -57,7 +57,7 @@ def test_the_rest_of_a_piece_comes_before_what_was_sent_later(estimator):
 
 
 @pytest.mark.parametrize("address", ["station", "a stranger"])
-def test_a_long_datagram_is_looked_at_in_pieces_and_none_of_it_is_lost(make_rig, of, address):
+def test_long_datagram_is_processed_in_pieces(make_rig, of, address):
     rig = make_rig(addresses=("station",))
     rig.endpoint.service(0.0, [])
     pings = b"".join(rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
@@ -74,7 +74,7 @@ def test_a_long_datagram_is_looked_at_in_pieces_and_none_of_it_is_lost(make_rig,
     assert calls >= 60 // 4 - 1
 
 
-def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
+def test_bytes_after_noise_of_an_unknown_sender_are_ignored(make_rig, of):
     rig = make_rig(addresses=("station",))
     rig.endpoint.service(0.0, [])
     rig.transport.inbox.append(("a stranger", bytes(400) + rig.frame(mavlink.MAVLink_ping_message(0, 1, 0, 0))))
@@ -83,7 +83,7 @@ def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
     assert of(rig.replies("a stranger"), "PING") == []
 
 
-def test_strangers_share_one_share(estimator):
+def test_unknown_senders_have_one_common_share(estimator):
     for number in range(1000):
         estimator.offer(0, number, bytes(1000))
     estimator.offer(0, "one", b"a")
@@ -92,7 +92,7 @@ def test_strangers_share_one_share(estimator):
     assert (0, "one", b"a") in found[:2]
 
 
-def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
+def test_station_gets_replies_during_a_flood(make_rig):
     """Any peer that floods, the other's ping is answered soon."""
     rig = make_rig(addresses=())
     rig.prove()
@@ -112,7 +112,7 @@ def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
     assert len(rig.endpoint._unread) < 200
 
 
-def test_long_answers_take_turns(make_rig):
+def test_long_transfers_are_sent_in_turn(make_rig):
     rig = make_rig(addresses=tuple(range(8)))
     rig.endpoint.service(0.0, [])
     rig.tick()

@@ -66,13 +66,13 @@ def command(system, component, number=400):
     return mavlink.MAVLink_command_long_message(system, component, number, 0, 1, 0, 0, 0, 0, 0, 0)
 
 
-def test_what_is_for_all_goes_to_everybody_else_as_it_came(net):
+def test_broadcast_is_forwarded_unchanged_to_all_other_peers(net):
     _, station, _, _ = net()
     frame = station.frame(BEAT)
     assert station.send(frame) == {"b": [frame], "c": [frame]}
 
 
-def test_what_is_for_one_goes_where_that_one_was_heard_and_is_not_done_here(net):
+def test_addressed_message_is_forwarded_on_its_route_and_not_executed(net):
     rig, station, companion, _ = net()
     assert station.say(command(1, 191)) == {}  # no peer knows him yet
     companion.say(BEAT)
@@ -83,7 +83,7 @@ def test_what_is_for_one_goes_where_that_one_was_heard_and_is_not_done_here(net)
     assert companion.send(frame) == {"a": [frame]}
 
 
-def test_what_is_for_the_boat_stays_and_what_is_for_all_of_its_components_goes_on_too(net):
+def test_message_to_the_boat_is_not_forwarded_unless_to_all_components(net):
     rig, station, companion, _ = net()
     companion.say(BEAT)
     assert station.say(command(1, 1)) == {}
@@ -93,7 +93,7 @@ def test_what_is_for_the_boat_stays_and_what_is_for_all_of_its_components_goes_o
     assert len(rig.request_handler.intents) == 2
 
 
-def test_a_frame_that_comes_round_is_not_passed_on_again(net):
+def test_looped_frame_is_not_forwarded_again(net):
     rig, station, companion, other = net()
     frame = station.frame(BEAT)
     station.send(frame)
@@ -105,13 +105,13 @@ def test_a_frame_that_comes_round_is_not_passed_on_again(net):
     assert station.say(BEAT)
 
 
-def test_the_boats_own_frames_that_come_back_go_nowhere(net):
+def test_own_looped_frame_is_not_forwarded(net):
     rig, _, _, _ = net()
     echo = Voice(rig, "c", 1, 1)
     assert echo.say(BEAT) == {}
 
 
-def test_a_sender_that_has_moved_is_believed_after_a_silence(net):
+def test_route_changes_after_silence_of_the_sender(net):
     rig, station, companion, _ = net()
     companion.say(BEAT)
     moved = Voice(rig, "c", 1, 191)
@@ -135,12 +135,12 @@ def test_a_sender_that_has_moved_is_believed_after_a_silence(net):
         (LinkOptions(policy=Policy.SIGNED_COMMANDS), False),
     ],
 )
-def test_links_that_route_and_those_who_may_command(net, options, routed):
+def test_only_routed_links_and_commanders_are_forwarded(net, options, routed):
     _, station, _, _ = net(options=options)
     assert bool(station.say(BEAT)) is routed
 
 
-def test_a_flood_is_cut_and_reported(net):
+def test_routing_overload_is_limited_and_reported(net):
     rig, station, _, _ = net()
     passed = station.send(*(station.frame(BEAT) for _ in range(200)))
     assert len(passed["b"]) <= MAX_BURST
@@ -149,14 +149,14 @@ def test_a_flood_is_cut_and_reported(net):
     assert len(station.say(BEAT, BEAT)["b"]) == 2
 
 
-def test_the_table_is_bounded(net):
+def test_number_of_routes_is_limited(net):
     rig, _, _, _ = net()
     for number in range(3 * MAX_ROUTES):
         Voice(rig, "a", 2 + number // 200, 1 + number % 200).say(BEAT)
     assert len(rig.endpoint._router._routes) == MAX_ROUTES
 
 
-def test_where_a_message_has_its_target_is_read_as_pymavlink_does():
+def test_target_address_equals_that_of_pymavlink():
     mav = mavlink.MAVLink(None, srcSystem=3, srcComponent=4)
     for number, kind in mavlink.mavlink_map.items():
         payload = bytes(range(1, 256))[: kind.unpacker.size]
@@ -173,7 +173,7 @@ def _frame(number, payload, seed):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 255), st.integers(0, 255)), max_size=12))
-def test_nothing_comes_back_to_its_sender_and_no_frame_goes_twice(net, voices):
+def test_no_frame_returns_to_its_sender_or_is_forwarded_twice(net, voices):
     rig, *_ = net()
     for address, system, component in voices:
         voice = Voice(rig, address, system, component)

@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import common as mavlink
 
 
-def test_a_ping_request_is_answered_to_its_sender(rig):
+def test_ping_gets_a_reply(rig):
     (reply,) = rig.tell(mavlink.MAVLink_ping_message(123, 5, 0, 0))
     assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (123, 5, 255, 190)
 
@@ -20,7 +20,7 @@ def test_addressed_ping_gets_one_reply(rig):
     assert len(rig.endpoint._handlers[4].__self__._latest_pings) <= 32
 
 
-def test_two_stations_with_one_number_are_answered_each(make_rig):
+def test_two_stations_with_equal_ping_numbers_get_replies(make_rig):
     rig = make_rig(addresses=("one", "other"))
     rig.tick()
     ping = rig.frame(mavlink.MAVLink_ping_message(123, 5, 1, 1))
@@ -29,7 +29,7 @@ def test_two_stations_with_one_number_are_answered_each(make_rig):
     assert rig.give(ping, "one") == []
 
 
-def test_a_ground_stations_time_is_heard_and_a_strangers_is_not(rig):
+def test_only_the_time_of_a_ground_station_is_offered(rig):
     time = mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 0)
     rig.tell(time)
     assert rig.offered_utc == []
@@ -38,11 +38,11 @@ def test_a_ground_stations_time_is_heard_and_a_strangers_is_not(rig):
     assert rig.offered_utc == [(1.8e9, rig.now_s)]
 
 
-def test_a_timesync_request_is_answered_with_both_times(rig):
+def test_timesync_reply_contains_both_times(rig):
     rig.now_s = 2.5
     (reply,) = rig.tell(mavlink.mavlink_map[111](0, -(2**63), 1, 1))
     assert (reply.tc1, reply.ts1, reply.target_system, reply.target_component) == (2_500_000_000, -(2**63), 255, 190)
 
 
-def test_timesync_answers_and_requests_to_others_are_left_alone(rig):
+def test_timesync_replies_and_foreign_requests_are_ignored(rig):
     assert rig.tell(mavlink.mavlink_map[111](5, 1, 0, 0), mavlink.mavlink_map[111](0, 1, 2, 1)) == []
