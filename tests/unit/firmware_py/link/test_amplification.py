@@ -83,7 +83,7 @@ def drawn_bytes(endpoint, end, since_s):
 
 
 @pytest.mark.parametrize("name", [*REQUESTS, "all of them"])
-def test_one_forged_frame_draws_less_than_ten_times_its_bytes(boat, name):
+def test_forged_frame_is_amplified_less_than_ten_times(boat, name):
     endpoint, address = boat
     sender = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     query = REQUESTS.values() if name == "all of them" else [REQUESTS[name]]
@@ -95,7 +95,7 @@ def test_one_forged_frame_draws_less_than_ten_times_its_bytes(boat, name):
     assert 0 < drawn < 10 * len(frame)
 
 
-def test_who_forges_one_frame_each_minute_draws_no_more(boat):
+def test_one_forged_frame_per_minute_is_not_amplified_more(boat):
     """What was sent to that address before is no proof that someone is there."""
     endpoint, address = boat
     frame = REQUESTS["PARAM_REQUEST_LIST"].pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))

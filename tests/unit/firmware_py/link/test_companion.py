@@ -54,16 +54,16 @@ def companion(rig):
     return tell
 
 
-def test_the_component_that_was_chosen_is_believed(companion):
+def test_battery_of_the_selected_component_is_used(companion):
     assert companion(battery()) == [battery_report(battery())]
 
 
 @pytest.mark.parametrize("who", [{"chosen": 0}, {"chosen": 201}, {"system": 2}, {"component": 0, "chosen": 0}])
-def test_what_others_say_of_theirs_is_left_alone(companion, who):
+def test_batteries_of_other_components_are_ignored(companion, who):
     assert companion(battery(), **who) == []
 
 
-def test_only_the_first_battery_is_looked_at_and_not_too_often(companion):
+def test_only_the_first_battery_is_used_at_a_limited_rate(companion):
     assert companion(battery(number=1)) == []
     assert len(companion(battery())) == 1
     assert companion(battery()) == []
@@ -84,7 +84,7 @@ def test_a_report_counts_as_what_is_measured():
     ("name", "low", "high"),
     [("voltage_v", 0.0, 1e3), ("current_a", -5e3, 5e3), ("charge", 0.0, 1.0), ("temperature_c", -60.0, 150.0)],
 )
-def test_a_report_outside_its_limits_is_refused_and_changes_nothing(name, low, high):
+def test_battery_report_out_of_range_is_refused(name, low, high):
     assert {judged(**{name: value})[1].verdict for value in (low, high)} == {Verdict.ACCEPTED}
     for value in (low - 1e-3, high + 1e-3, math.nan, -math.inf):
         state, answer = judged(**{"voltage_v": 13.0} | {name: value})

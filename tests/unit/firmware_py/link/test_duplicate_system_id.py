@@ -30,18 +30,18 @@ def system_time(rig, *, behind_s=0.0, clock_s=0.0, started_s=0.0):
 
 
 @pytest.mark.parametrize("other", [{"started_s": 3.0}, {"started_s": -500.0}, {"clock_s": 5.0}, {"clock_s": -5.0}])
-def test_another_vehicle_is_known_by_its_clocks_and_reported_once_in_ten_minutes(rig, twin, other):
+def test_vehicle_with_other_clocks_is_reported_every_ten_minutes(rig, twin, other):
     assert [twin(system_time(rig, **other)) for _ in range(5)] == [[], [], [], [], [NOTICE]]
     assert [twin(system_time(rig, **other), every_s=100.0) for _ in range(7)] == [[]] * 6 + [[NOTICE]]
 
 
-def test_another_vehicle_is_known_by_what_it_is(twin):
+def test_vehicle_of_another_type_is_detected(twin):
     ship = mavlink.MAVLink_heartbeat_message(11, 12, 0, 0, 4, 3)
     assert twin(*[ship] * 6) == [NOTICE]
 
 
 @pytest.mark.parametrize("behind_s", [0.0, 0.5, 30.0])
-def test_it_own_frames_that_come_back_are_not_reported(rig, twin, behind_s):
+def test_own_looped_frames_are_not_reported(rig, twin, behind_s):
     heartbeat = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
     for _ in range(20):
         assert twin(system_time(rig, behind_s=behind_s), heartbeat, every_s=0.5) == []
@@ -50,6 +50,6 @@ def test_it_own_frames_that_come_back_are_not_reported(rig, twin, behind_s):
         assert twin(system_time(rig, behind_s=behind_s)) == []
 
 
-def test_a_step_of_the_clock_while_a_frame_is_on_its_way_is_no_vehicle(rig, twin):
+def test_clock_step_during_a_loop_is_not_reported(rig, twin):
     late = [system_time(rig, behind_s=0.1, clock_s=3600.0) for _ in range(4)]
     assert twin(*late, system_time(rig), *late) == []

@@ -25,7 +25,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 
 
-def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of):
+def test_first_heartbeat_is_sent_at_once_with_mode_initialising(make_rig, of):
     rig = make_rig()
     rig.endpoint.service(0.0, [])
     (beat,) = of(rig.replies(), "HEARTBEAT")
@@ -34,18 +34,18 @@ def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of
     assert beat.custom_mode == Mode.GUIDED
 
 
-def test_heartbeats_come_once_a_second(rig, of):
+def test_heartbeats_are_sent_once_per_second(rig, of):
     beats = of(rig.ticks(100), "HEARTBEAT")
     assert len(beats) == pytest.approx(10, abs=1)
 
 
 @pytest.mark.parametrize("change", [{"mode": Mode.HOLD}, {"armed": False}])
-def test_a_change_of_mode_or_arming_is_reported_at_once(rig, of, change):
+def test_change_of_mode_or_arming_is_reported_at_once(rig, of, change):
     replies = rig.tick(**change)
     assert len(of(replies, "HEARTBEAT")) == len(of(replies, "CURRENT_MODE")) == 1
 
 
-def test_sequence_numbers_count_on_over_everything(rig):
+def test_sequence_numbers_have_no_gaps(rig):
     numbers = []
     for _ in range(30):
         numbers += [message.get_seq() for message in rig.tick()]
@@ -54,7 +54,7 @@ def test_sequence_numbers_count_on_over_everything(rig):
     assert numbers == [(first + index) % 256 for index in range(len(numbers))]
 
 
-def test_one_tick_is_one_datagram(rig):
+def test_messages_of_a_tick_share_one_datagram(rig):
     rig.tick_silently(seconds=2.0)
     assert len(rig.transport.sent) == 1
     assert len(rig.transport.sent[0][1]) <= 1200
@@ -102,17 +102,17 @@ def test_what_was_lost_before_the_start_is_reported_to_anyone_who_comes_however_
     ]
 
 
-def test_a_storm_of_events_is_bounded(rig, texts):
+def test_events_per_tick_are_limited(rig, texts):
     assert len(texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)]))) <= 16
 
 
-def test_our_own_words_sent_back_are_not_answered(rig):
+def test_own_messages_are_not_answered(rig):
     rig.station.srcSystem, rig.station.srcComponent = 1, 1
     assert rig.command(400, 1.0) == []
     assert rig.request_handler.requests == []
 
 
-def test_the_work_of_one_call_is_bounded(rig, of):
+def test_work_of_one_call_is_limited(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 500))
     rig.endpoint.service(0.0, [100])
@@ -125,7 +125,7 @@ def test_the_work_of_one_call_is_bounded(rig, of):
     assert answered == 500
 
 
-def test_what_waits_is_answered_by_publish_too(rig, of):
+def test_publish_answers_queued_frames(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 7))
     rig.endpoint.service(0.0, [100])
@@ -176,7 +176,7 @@ def test_mavsummarize_sums_up_what_a_station_has_recorded_of_it(make_rig, tmp_pa
     assert "Autonomous sections: 1\nAutonomous time (mm:ss):   1:0" in done.stdout
 
 
-def test_grave_faults_show_in_the_heartbeat(rig, of):
+def test_critical_faults_are_in_the_heartbeat(rig, of):
     (beat,) = of(rig.tick(seconds=1.0, faults=1 << Fault.RUDDER_SILENT), "HEARTBEAT")
     assert beat.system_status == mavlink.MAV_STATE_CRITICAL
 
@@ -186,7 +186,7 @@ def test_close_closes_the_transports(rig):
     assert rig.transport.closed
 
 
-def test_it_is_a_link(rig):
+def test_endpoint_implements_the_interface(rig):
     link: Link = rig.endpoint
     assert list(link.descriptors()) == [100]
 

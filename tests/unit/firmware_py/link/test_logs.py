@@ -62,7 +62,7 @@ def download(rig, number, ticks=40):
     return replies
 
 
-def test_the_list_begins_with_the_newest_and_goes_on_with_the_oldest(boat, of):
+def test_list_starts_with_the_newest_log_and_continues_with_the_oldest(boat, of):
     found = entries(boat, of)
     assert list(found) == [0, 1, 2]  # as MAVSDK wants it
     assert {one.num_logs for one in found.values()} == {3}
@@ -71,7 +71,7 @@ def test_the_list_begins_with_the_newest_and_goes_on_with_the_oldest(boat, of):
     ]
 
 
-def test_the_list_of_qgroundcontrol_begins_with_one(boat, of):
+def test_list_of_qgroundcontrol_starts_with_one(boat, of):
     entries(boat, of)
     found = entries(boat, of, 3, 3)  # it asks for the one that has not come
     assert [(one.id, one.size, one.num_logs) for one in found.values()] == [(3, SIZES[5], 3)]
@@ -79,18 +79,18 @@ def test_the_list_of_qgroundcontrol_begins_with_one(boat, of):
 
 
 @pytest.mark.parametrize(("start", "end", "numbers"), [(1, 2, [1, 2]), (2, 0xFFFF, [2, 3]), (4, 9, []), (2, 1, [])])
-def test_a_part_of_the_list(boat, of, start, end, numbers):
+def test_part_of_the_list_is_sent(boat, of, start, end, numbers):
     assert list(entries(boat, of, start, end)) == numbers
 
 
-def test_no_logs_are_reported_as_such(stored, of):
+def test_empty_list_is_one_entry(stored, of):
     rig, _ = stored()
     (only,) = entries(rig, of).values()
     assert (only.num_logs, only.id, only.size) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(("number", "log"), [(0, 5), (1, 1), (2, 2)])
-def test_a_log_comes_whole_in_one_request(boat, of, number, log):
+def test_complete_log_is_sent_for_one_request(boat, of, number, log):
     entries(boat, of)
     replies = download(boat, number)
     assert joined(blocks(replies)) == content_of(log)
@@ -98,7 +98,7 @@ def test_a_log_comes_whole_in_one_request(boat, of, number, log):
     assert all(one.count for one in of(replies, "LOG_DATA"))
 
 
-def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
+def test_chunks_of_a_log_are_sent_at_once(boat, of):
     entries(boat, of)
     found = {}
     for start in range(0, SIZES[2], 46080):
@@ -106,12 +106,12 @@ def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
     assert joined(found) == content_of(2)
 
 
-def test_a_stream_without_an_end_is_not_poured_out_at_once(boat, of):
+def test_request_of_a_whole_log_is_limited_per_tick(boat, of):
     entries(boat, of)
     assert 0 < len(blocks(ask_data(boat, 2))) <= 256
 
 
-def test_gaps_are_sent_again_however_many_are_asked_for(boat, of):
+def test_requested_gaps_are_sent_again(boat, of):
     entries(boat, of)
     wanted = [(90 * number, 90 * (1 + number % 3)) for number in range(0, 100, 5)]
     requests = [mavlink.MAVLink_log_request_data_message(1, 1, 2, start, count) for start, count in wanted]
@@ -121,22 +121,22 @@ def test_gaps_are_sent_again_however_many_are_asked_for(boat, of):
         assert sent == content_of(2)[start : start + count]
 
 
-def test_a_request_beyond_the_end_gets_an_empty_block(boat, of):
+def test_request_beyond_the_end_gets_an_empty_block(boat, of):
     entries(boat, of)
     (replies,) = ask_data(boat, 1, 5000, 90)
     assert (replies.ofs, replies.count) == (5000, 0)
 
 
-def test_a_log_that_does_not_exist_is_reported(boat, of, texts):
+def test_missing_log_is_reported(boat, of, texts):
     entries(boat, of)
     assert texts(ask_data(boat, 4)) == ["Log 4 does not exist"]
 
 
-def test_data_without_a_list_before_is_sent_as_well(boat):
+def test_data_is_sent_without_a_list_request(boat):
     assert joined(blocks(ask_data(boat, 0))) == content_of(5)
 
 
-def test_numbers_keep_their_meaning_while_a_new_log_is_begun(boat, disk, of):
+def test_log_numbers_remain_valid_after_a_new_log(boat, disk, of):
     entries(boat, of)
     (disk / "00000006.BIN").write_bytes(b"new")
     with (disk / "00000005.BIN").open("ab") as log:
@@ -144,7 +144,7 @@ def test_numbers_keep_their_meaning_while_a_new_log_is_begun(boat, disk, of):
     assert joined(blocks(ask_data(boat, 0))) == content_of(5)  # as large as it was listed
 
 
-def test_a_log_that_is_gone_ends_the_download(boat, disk, of):
+def test_removed_log_ends_the_download(boat, disk, of):
     entries(boat, of)
     (disk / "00000002.BIN").unlink()
     assert blocks(ask_data(boat, 2)) == {}
@@ -152,7 +152,7 @@ def test_a_log_that_is_gone_ends_the_download(boat, disk, of):
     assert joined(blocks(ask_data(boat, 0))) == content_of(5)
 
 
-def test_the_end_of_requests_ends_the_stream(boat, of):
+def test_log_request_end_ends_the_stream(boat, of):
     entries(boat, of)
     ask_data(boat, 2)
     boat.tell(mavlink.MAVLink_log_request_end_message(1, 1))
@@ -160,7 +160,7 @@ def test_the_end_of_requests_ends_the_stream(boat, of):
     assert blocks(boat.give(b"")) == {}
 
 
-def test_two_stations_download_at_the_same_time_and_the_fifth_is_reported_to_wait(disk, stored, of, texts):
+def test_four_stations_download_and_the_fifth_is_refused(disk, stored, of, texts):
     rig, _ = stored(addresses=("one", "two", "three", "four", "five"))
     for address in ("one", "two", "three", "four"):
         rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, OPEN_END))))
@@ -183,7 +183,7 @@ def test_two_stations_download_at_the_same_time_and_the_fifth_is_reported_to_wai
         assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
 
 
-def test_downloads_whose_stations_fell_silent_keep_no_peer_waiting(disk, stored, texts):
+def test_downloads_of_silent_stations_are_replaced(disk, stored, texts):
     names = ("one", "two", "three", "four", "five")
     rig, _ = stored(addresses=names)
     for address in names[:4]:
@@ -201,7 +201,7 @@ def test_downloads_whose_stations_fell_silent_keep_no_peer_waiting(disk, stored,
     assert blocks(replies)
 
 
-def test_a_slow_line_is_not_overrun(disk, stored, of):
+def test_slow_line_is_not_overloaded(disk, stored, of):
     rig, _ = stored(byte_rate=5760.0, has_radio_rates=True)
     replies = ask_data(rig, 0)
     beats = 0
@@ -213,7 +213,7 @@ def test_a_slow_line_is_not_overrun(disk, stored, of):
     assert beats == pytest.approx(2, abs=1)
 
 
-def test_frames_are_packed_as_pymavlink_packs_them(boat):
+def test_log_frames_equal_those_of_pymavlink(boat):
     boat.transport.sent.clear()
     boat.transport.inbox.append(("station", boat.frame(mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 90))))
     boat.endpoint.service(boat.now_s, [100])
@@ -231,19 +231,19 @@ def test_frames_are_packed_as_pymavlink_packs_them(boat):
 ERASE = mavlink.MAVLink_log_erase_message(1, 1)
 
 
-def test_logs_are_erased_but_for_the_one_being_written(boat, disk, texts):
+def test_all_logs_except_the_present_one_are_erased(boat, disk, texts):
     boat.tick_silently(armed=False, mode=Mode.HOLD)
     boat.replies()
     assert "2 logs erased" in texts(boat.tell(ERASE))
     assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
 
-def test_logs_are_not_erased_while_it_is_armed(boat, disk, texts):
+def test_logs_are_not_erased_while_armed(boat, disk, texts):
     assert texts(boat.tell(ERASE)) == ["Log erase refused: armed, disarm first"]
     assert len(list(disk.iterdir())) == 3
 
 
-def test_an_erasure_ends_a_download(boat, of):
+def test_erasure_ends_a_download(boat, of):
     entries(boat, of)
     ask_data(boat, 2)
     boat.tick_silently(armed=False)
@@ -265,7 +265,7 @@ def compressed(disk, number):
     assert not path.exists()
 
 
-def test_a_compressed_log_is_listed_and_sent_as_it_was_written(boat, disk, of):
+def test_compressed_log_is_listed_and_sent_uncompressed(boat, disk, of):
     before = {number: (one.size, one.time_utc) for number, one in entries(boat, of).items()}
     for number in (1, 2):
         list(compressed(disk, number))
@@ -274,7 +274,7 @@ def test_a_compressed_log_is_listed_and_sent_as_it_was_written(boat, disk, of):
     assert joined(blocks(download(boat, 1))) == content_of(1)
 
 
-def test_a_log_is_sent_on_while_it_is_compressed(boat, disk, of):
+def test_download_continues_while_the_log_is_compressed(boat, disk, of):
     before = entries(boat, of)
     found = blocks(ask_data(boat, 2, 0, 900))
     for _ in compressed(disk, 2):
@@ -286,7 +286,7 @@ def test_a_log_is_sent_on_while_it_is_compressed(boat, disk, of):
     assert joined(found) == content_of(2)
 
 
-def test_a_log_that_was_compressed_since_it_was_listed_is_found(boat, disk, of):
+def test_log_compressed_after_the_listing_is_sent(boat, disk, of):
     entries(boat, of)
     list(compressed(disk, 2))
     assert joined(blocks(download(boat, 2))) == content_of(2)
@@ -305,7 +305,7 @@ def test_a_compressed_log_that_is_damaged_ends_the_download_and_one_that_is_cut_
     assert list(entries(boat, of)) == [0, 1]
 
 
-def test_a_log_is_erased_by_both_of_its_names(boat, disk, texts):
+def test_both_names_of_a_log_are_erased(boat, disk, texts):
     copy = (disk / "00000002.BIN").read_bytes()
     list(compressed(disk, 1))
     list(compressed(disk, 2))

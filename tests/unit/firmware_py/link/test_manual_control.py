@@ -13,24 +13,24 @@ INVALID = 32767
     ("y", "r", "expected"),
     [(1000, 0, 1.0), (-1000, 0, -1.0), (250, 900, 0.25), (INVALID, -500, -0.5), (0, 1000, 0.0)],
 )
-def test_the_roll_axis_or_else_the_yaw_axis(rig, y, r, expected):
+def test_rudder_follows_the_roll_axis_or_the_yaw_axis(rig, y, r, expected):
     assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, r, 0)) == []
     assert rig.request_handler.intents == [ManualRudder(expected)]
 
 
-def test_no_valid_axis_says_nothing(rig):
+def test_manual_control_without_a_valid_axis_is_ignored(rig):
     assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, INVALID, 0, INVALID, 0)) == []
     assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize("y", [1001, -1001, -32768, 32766])
-def test_a_stick_out_of_range_is_refused(rig, texts, y):
+def test_stick_out_of_range_is_refused(rig, texts, y):
     (text,) = texts(rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, 0, 0)))
     assert text == "MANUAL_CONTROL: the stick is not within -1000 to 1000"
     assert rig.request_handler.intents == []
 
 
-def test_another_boats_stick_is_left_alone(rig):
+def test_stick_of_another_boat_is_ignored(rig):
     assert rig.tell(mavlink.MAVLink_manual_control_message(2, 0, 1000, 0, 0, 0)) == []
     assert rig.request_handler.intents == []
 
@@ -52,7 +52,7 @@ def test_other_pulses_change_nothing(rig, texts, pulse_us, replies):
     assert rig.request_handler.intents == []
 
 
-def test_an_override_for_another_boat_is_left_alone(rig):
+def test_override_of_another_boat_is_ignored(rig):
     rig.tell(override(2000, (2, 1)))
     assert rig.request_handler.intents == []
 

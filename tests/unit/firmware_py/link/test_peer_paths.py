@@ -81,7 +81,7 @@ def turns(rig):
     return [intent for intent in rig.request_handler.intents if isinstance(intent, SteerHeading)]
 
 
-def test_a_turn_that_comes_by_two_ways_is_made_once_and_a_second_one_is_made(router):
+def test_command_on_two_paths_is_executed_once(router):
     router.send(yaw(10.0), [(RADIO, 0.0), (OTHER, 2.5)])
     router.pass_time(1.0)
     assert len(turns(router.rig)) == 1
@@ -90,7 +90,7 @@ def test_a_turn_that_comes_by_two_ways_is_made_once_and_a_second_one_is_made(rou
     assert [round(math.degrees(turn.heading_rad)) for turn in turns(router.rig)] == [10, 10]
 
 
-def test_an_order_that_comes_late_by_the_other_way_does_not_undo_a_later_one(router):
+def test_late_duplicate_does_not_undo_a_later_command(router):
     for first, then in ((arm(1.0), arm(0.0)), (parameter(0.5), parameter(0.7))):
         router.send(first, [(RADIO, 0.0), (OTHER, 3.0)])
         router.pass_time(1.0)
@@ -110,7 +110,7 @@ def test_both_ways_are_served_and_what_comes_twice_is_reported_no_peer(router, t
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.proof) for seed in range(1, 20))])
-def test_a_mission_goes_up_by_two_bad_ways(router, seed):
+def test_mission_is_uploaded_over_two_lossy_paths(router, seed):
     chances = random.Random(seed)
 
     def send(message):
@@ -160,7 +160,7 @@ def test_of_a_file_whose_end_came_by_one_way_only_the_whole_is_kept(stored, tmp_
 # ---------------------------------------------------------------- another port
 
 
-def test_a_station_that_a_nat_gives_another_port_goes_on_where_it_was(make_rig):
+def test_station_with_a_new_nat_port_continues(make_rig):
     rig = make_rig(addresses=())
     ports = [("198.51.100.7", 40_000 + number) for number in range(8)]
     rig.prove(ports[0])
@@ -176,7 +176,7 @@ def test_a_station_that_a_nat_gives_another_port_goes_on_where_it_was(make_rig):
     assert {peer.address for peer in rig.endpoint._peers} == {ports[-1]}
 
 
-def test_rates_and_what_is_owed_move_to_the_other_port(make_rig, of):
+def test_rates_and_pending_requests_move_to_the_new_port(make_rig, of):
     rig = make_rig(addresses=())
     old, new = ("198.51.100.7", 1), ("198.51.100.7", 2)
     rig.prove(old)
@@ -189,7 +189,7 @@ def test_rates_and_what_is_owed_move_to_the_other_port(make_rig, of):
 
 
 @pytest.mark.parametrize("other", ["another computer", "another number", "another id", "a new program"])
-def test_who_is_not_the_same_keeps_a_place_of_his_own(make_rig, other):
+def test_another_station_remains_a_separate_peer(make_rig, other):
     rig = make_rig(addresses=())
     rig.station.seq = 250
     rig.prove(("198.51.100.7", 1))
@@ -226,7 +226,7 @@ def joined(ways, one, other, until=MIN_IDENTICAL_FRAMES + 1):
         received(ways, other, beat(number), number + 0.5)
 
 
-def test_ways_are_one_stations_after_several_frames_that_are_alike():
+def test_paths_belong_to_one_station_after_several_identical_frames():
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other, MIN_IDENTICAL_FRAMES)
     assert one.station is not other.station
@@ -234,7 +234,7 @@ def test_ways_are_one_stations_after_several_frames_that_are_alike():
     assert one.station is other.station
 
 
-def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
+def test_different_frames_with_one_number_separate_two_stations():
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
     assert not received(ways, one, beat(9), 9.0)
@@ -244,7 +244,7 @@ def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
     assert not received(ways, one, beat(10), 10.5)
 
 
-def test_a_program_that_is_started_again_is_heard_again():
+def test_frames_of_a_restarted_program_are_accepted():
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 5.0)
     for number in range(20):
         assert not received(ways, one, beat(number), 0.01 * number)
@@ -252,7 +252,7 @@ def test_a_program_that_is_started_again_is_heard_again():
         assert not received(ways, other, beat(number), 5.0 + 0.01 * number)
 
 
-def test_a_number_comes_round():
+def test_frame_number_wraps():
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
     assert received(ways, one, beat(3), 3.0 + DUPLICATE_S - 0.1) is False  # by its own way
@@ -261,7 +261,7 @@ def test_a_number_comes_round():
 
 
 @pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
-def test_a_number_that_may_have_come_round_parts_no_ways(later_frames, stations):
+def test_wrapped_frame_number_separates_no_paths(later_frames, stations):
     """The other way may be late by less than half of the numbers; then a frame of the same number is another one."""
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)

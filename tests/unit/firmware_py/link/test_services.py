@@ -13,7 +13,7 @@ def test_no_message_is_handled_by_two_services(rig):
     assert set(numbers) <= set(rig.endpoint.handlers)
 
 
-def test_long_answers_to_two_peers_take_turns(make_rig, of):
+def test_long_replies_to_two_peers_are_sent_in_turn(make_rig, of):
     rig = make_rig(addresses=("first", "second"))
     rig.tick()
     wanted = mavlink.MAVLink_param_request_list_message(*SYSTEM_AND_COMPONENT)

@@ -48,7 +48,7 @@ def test_a_position_without_a_place_sends_it_nowhere(rig, texts):
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.5, math.pi / 2, 3.0, -0.1, -3.0])
 @pytest.mark.parametrize(("roll_rad", "pitch_rad"), [(0.0, 0.0), (0.3, -0.4)])
-def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_rad, pitch_rad):
+def test_heading_goal_is_the_yaw_of_the_attitude(rig, yaw_rad, roll_rad, pitch_rad):
     cr, sr, cp, sp = (f(a / 2) for a in (roll_rad, pitch_rad) for f in (math.cos, math.sin))
     cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
     q = (
@@ -76,7 +76,7 @@ def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_r
         attitude((1, 0, 0, 0), mask=0b1000_0000),
     ],
 )
-def test_an_attitude_without_a_heading_is_refused_and_reported(rig, texts, message):
+def test_attitude_without_a_heading_is_refused(rig, texts, message):
     (text,) = texts(rig.tell(message))
     assert text.startswith("SET_ATTITUDE_TARGET: ")
     assert rig.request_handler.intents == []
@@ -96,7 +96,7 @@ def test_an_attitude_without_a_heading_is_refused_and_reported(rig, texts, messa
         (over_globe(POSITION_ONLY, lat=1, lon=2, yaw=NAN, vx=NAN), SteerPosition(about(0), about(0))),
     ],
 )
-def test_position_targets_are_taken_by_their_masks(rig, message, goal):
+def test_position_targets_follow_their_masks(rig, message, goal):
     assert rig.tell(message) == []
     assert rig.request_handler.intents == [goal]
 
@@ -110,7 +110,7 @@ def test_position_targets_are_taken_by_their_masks(rig, message, goal):
         (8, 0.0, 100.0, -84.15, 54.03),
     ],
 )
-def test_local_positions_count_from_home_or_from_it(rig, frame, x, y, north_m, east_m):
+def test_local_positions_are_relative_to_home_or_to_the_boat(rig, frame, x, y, north_m, east_m):
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
     rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
@@ -148,20 +148,20 @@ def test_body_frames_need_a_heading(rig, texts):
         over_globe(0xFFFF),
     ],
 )
-def test_bad_targets_are_refused_reported_and_change_nothing(rig, texts, message):
+def test_invalid_targets_are_refused_and_reported(rig, texts, message):
     rig.tick(**FIX)
     assert len(texts(rig.tell(message))) == 1
     assert rig.request_handler.intents == []
 
 
-def test_a_stream_of_refusals_is_reported_once(rig, texts):
+def test_repeated_refusals_are_reported_once(rig, texts):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
     replies = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
     assert texts(replies) == ["not in GUIDED"]
     assert len(rig.request_handler.intents) == 50
 
 
-def test_near_the_poles_local_positions_end(rig, texts):
+def test_local_positions_are_refused_near_the_poles(rig, texts):
     rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
     assert len(texts(rig.tell(local(POSITION_ONLY, x=1.0, y=1.0)))) == 1
     assert rig.request_handler.intents == []

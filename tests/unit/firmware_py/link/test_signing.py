@@ -77,7 +77,7 @@ MESSAGES = st.one_of(
 
 
 @given(MESSAGES, st.binary(min_size=32, max_size=32).filter(any), st.integers(0, 255), st.integers(0, 255), st.data())
-def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence, data):
+def test_signatures_equal_those_of_pymavlink(message, key, link, sequence, data):
     timestamp = data.draw(st.integers(NOW + 1, MAX_TIMESTAMP))
     boat = Boat(key=key)
     # Ours: one more than what was used last.
@@ -92,7 +92,7 @@ def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence
     assert hearer.mav.decode(bytearray(ours)).get_msgbuf() == ours
 
 
-def test_any_bit_that_is_changed_breaks_it():
+def test_any_changed_bit_invalidates_the_signature():
     frame = Station().ping()
     for place in range(len(frame) * 8):
         broken = bytearray(frame)
@@ -100,7 +100,7 @@ def test_any_bit_that_is_changed_breaks_it():
         assert not Boat().signing.verify(bytes(broken))
 
 
-def test_a_forged_frame_from_the_far_future_locks_no_peer_out():
+def test_forged_future_timestamp_is_ignored():
     boat, station, forger = Boat(), Station(), Station(OTHER_KEY)
     assert boat.signing.verify(station.ping())
     assert not boat.signing.verify(forger.ping(at=2**48 - 1))
@@ -112,7 +112,7 @@ def test_a_forged_frame_from_the_far_future_locks_no_peer_out():
     assert int.from_bytes(sealed[-12:-6], "little") < NOW + UNITS_HZ
 
 
-def test_a_replay_and_an_older_frame_are_refused():
+def test_replayed_and_older_frames_are_refused():
     boat, station = Boat(), Station()
     first, second, third = (station.ping() for _ in range(3))
     assert boat.signing.verify(second)
@@ -121,7 +121,7 @@ def test_a_replay_and_an_older_frame_are_refused():
     assert boat.signing.verify(third)
 
 
-def test_streams_of_system_component_and_link_are_apart():
+def test_streams_differ_by_system_component_and_link():
     boat = Boat()
     kinds = [{}, {"system": 254}, {"component": 1}, {"link": 4}]
     for kind in kinds:
@@ -134,17 +134,17 @@ def test_streams_of_system_component_and_link_are_apart():
     ("behind", "received"),
     [(0, True), (MAX_NEW_STREAM_LAG, True), (MAX_NEW_STREAM_LAG + 1, False), (-(10**9), True), (NOW, False)],
 )
-def test_a_new_stream_may_begin_a_minute_behind(behind, received):
+def test_new_stream_may_be_one_minute_late(behind, received):
     assert Boat().signing.verify(Station().ping(at=NOW - behind)) is received
 
 
-def test_a_timestamp_that_no_clock_shows_is_refused_even_with_the_key():
+def test_timestamp_beyond_the_maximum_is_refused():
     boat = Boat()
     assert not boat.signing.verify(Station().ping(at=MAX_TIMESTAMP + 1))
     assert boat.signing.verify(Station().ping())
 
 
-def test_ours_go_on_from_the_newest_and_never_back():
+def test_own_timestamps_increase_from_the_newest():
     boat = Boat()
     sealer = LinkSealer(boat.signing, 1)
     packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
@@ -166,7 +166,7 @@ def test_ours_go_on_from_the_newest_and_never_back():
 
 
 @pytest.mark.parametrize("utc_s", [4.3e9, 9.2e9, 1e18, 1e300, float("inf"), float("nan"), -1e18])
-def test_a_clock_that_cannot_be_right_is_none(utc_s):
+def test_implausible_clock_gives_timestamp_zero(utc_s):
     boat, peer = Boat(), Station()
     assert boat.signing.verify(peer.ping())
     boat.utc_s = utc_s
@@ -178,7 +178,7 @@ def test_a_clock_that_cannot_be_right_is_none(utc_s):
     assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + STORED_LEAD))
 
 
-def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
+def test_replay_is_refused_after_a_sudden_restart():
     boat, station = Boat(), Station()
     frames = [station.ping(at=NOW + second * UNITS_HZ) for second in range(120)]
     for frame in frames:
@@ -191,7 +191,7 @@ def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
     assert again.signing.verify(Station(link=8).ping(at=NOW + 119 * UNITS_HZ))
 
 
-def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
+def test_peer_that_receives_a_heartbeat_is_accepted_after_a_sudden_restart():
     """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all the boat heard before."""
     boat, station = Boat(), Station()
     assert boat.signing.verify(station.ping())
@@ -202,7 +202,7 @@ def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
     assert again.signing.verify(station.ping())
 
 
-def test_after_an_orderly_end_the_peer_is_heard_at_once():
+def test_peer_is_accepted_at_once_after_an_orderly_end():
     boat, station = Boat(), Station()
     frame = station.ping()
     assert boat.signing.verify(frame)
@@ -212,7 +212,7 @@ def test_after_an_orderly_end_the_peer_is_heard_at_once():
     assert again.signing.verify(station.ping())
 
 
-def test_the_disk_is_written_rarely():
+def test_timestamps_are_stored_rarely():
     boat, station = Boat(), Station()
     sealer, packed = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     for tick in range(6000):  # ten minutes
@@ -222,7 +222,7 @@ def test_the_disk_is_written_rarely():
     assert len(boat.saved) < 600 / 7
 
 
-def test_the_number_of_streams_is_bounded():
+def test_number_of_streams_is_limited():
     boat = Boat()
     for number in range(200):
         assert boat.signing.verify(Station(link=number, timestamp=NOW + number).ping())
@@ -235,13 +235,13 @@ def test_the_number_of_streams_is_bounded():
     ("key", "timestamp"),
     [(bytes(32), 5), (bytes(31), 5), (KEY + b"x", 5), (b"", 0), (OTHER_KEY, MAX_TIMESTAMP + 1), (OTHER_KEY, 2**64 - 1)],
 )
-def test_what_is_no_key_or_no_timestamp_changes_nothing(key, timestamp):
+def test_invalid_key_or_timestamp_is_rejected(key, timestamp):
     boat = Boat()
     assert not boat.signing.set_key(key, timestamp)
     assert boat.signing.verify(Station().ping())
 
 
-def test_the_same_key_again_does_not_open_the_past():
+def test_setting_the_same_key_keeps_the_timestamps():
     boat, station = Boat(), Station()
     frame = station.ping()
     assert boat.signing.verify(frame)
@@ -249,7 +249,7 @@ def test_the_same_key_again_does_not_open_the_past():
     assert not boat.signing.verify(frame)
 
 
-def test_a_new_key_starts_again_and_the_old_one_is_worth_nothing():
+def test_new_key_replaces_the_old_one_and_its_streams():
     boat = Boat()
     assert boat.signing.verify(Station().ping(at=MAX_TIMESTAMP))  # a clock gone mad
     assert not boat.signing.verify(Station(link=4).ping())
@@ -260,7 +260,7 @@ def test_a_new_key_starts_again_and_the_old_one_is_worth_nothing():
     assert KEY.hex().encode() not in boat.saved[-1]
 
 
-def test_without_a_key_nothing_is_signed_or_believed():
+def test_nothing_is_signed_or_verified_without_a_key():
     boat = Boat(key=None)
     sealer = LinkSealer(boat.signing, 0)
     assert (boat.signing.has_key, sealer.overhead_bytes) == (False, 0)
@@ -278,7 +278,7 @@ def test_without_a_key_nothing_is_signed_or_believed():
 @given(
     st.binary(min_size=1, max_size=200) | st.binary(max_size=60).map(lambda tail: b"key " + KEY.hex().encode() + tail)
 )
-def test_a_state_that_cannot_be_read_is_refused(content):
+def test_invalid_stored_text_is_refused(content):
     signing = Signing(lambda: UTC_S, lambda *_words, **_more: None)
     assert signing.restore(Stored(content)) is KeyState.LOST
     assert signing.problem == "what is stored is no signing key"
@@ -296,7 +296,7 @@ def test_a_state_that_cannot_be_read_is_refused(content):
         (b"key " + b"0" * 64 + b"\ntimestamp 1\n", "", KeyState.LOST, "what is stored is no signing key"),
     ],
 )
-def test_a_key_is_absent_only_where_nothing_is_wrong(content, damage, state, problem):
+def test_key_is_absent_only_without_damage(content, damage, state, problem):
     signing = Signing(lambda: UTC_S, lambda *_words, **_more: None)
     assert signing.restore(Stored(content, damage)) is state
     assert signing.problem == problem
@@ -307,7 +307,7 @@ def test_a_key_is_absent_only_where_nothing_is_wrong(content, damage, state, pro
     assert signing.problem == ""
 
 
-def test_a_record_that_may_be_an_older_one_hears_no_replay_on_a_stream_that_it_lacks():
+def test_outdated_record_accepts_no_replay_on_a_missing_stream():
     boat, packed = Boat(), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     LinkSealer(boat.signing, 0).seal(packed, 0)
     heard_later = Station(link=9).ping(at=NOW + UNITS_HZ)
@@ -334,7 +334,7 @@ def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
     assert boat.restarted().signing.has_key
 
 
-def test_a_clock_set_to_the_last_moment_that_is_heard_shuts_no_peer_out():
+def test_clock_at_the_maximum_leaves_timestamps_for_peers():
     """By a false GPS: every frame of its own takes its further, and its stations follow."""
     boat, station = Boat(), Station()
     boat.utc_s = EPOCH_S + (MAX_TIMESTAMP - 10) / UNITS_HZ
