@@ -9,12 +9,12 @@ from firmware_py.model.crab import against_current, heading_for_course, speed_ma
 angles, currents = st.floats(0.0, 6.28), st.floats(-0.6, 0.6)
 
 
-@given(angles, currents, currents)
-def test_heading_gives_the_course_in_any_slower_current(course_rad, north_m_s, east_m_s):
+@given(angles, currents, currents, st.floats(-0.3, 0.3))
+def test_heading_gives_the_course_in_any_slower_current(course_rad, north_m_s, east_m_s, leeway_rad):
     speed_m_s = 1.0
-    heading_rad = heading_for_course(course_rad, speed_m_s, north_m_s, east_m_s)
-    v_north = speed_m_s * math.cos(heading_rad) + north_m_s
-    v_east = speed_m_s * math.sin(heading_rad) + east_m_s
+    water_course_rad = heading_for_course(course_rad, speed_m_s, north_m_s, east_m_s, leeway_rad) + leeway_rad
+    v_north = speed_m_s * math.cos(water_course_rad) + north_m_s
+    v_east = speed_m_s * math.sin(water_course_rad) + east_m_s
     assert math.cos(math.atan2(v_east, v_north) - course_rad) == pytest.approx(1.0, abs=1e-9)
     assert math.hypot(v_north, v_east) == pytest.approx(speed_made_good(course_rad, speed_m_s, north_m_s, east_m_s))
 
