@@ -171,6 +171,8 @@ def resolve(url: LinkUrl) -> tuple[str, int]:
 
 def addresses_of(url: LinkUrl) -> tuple[str, ...]:
     """Return the numeric IPv4 addresses of a URL, at least one; raise OSError or UnicodeError for an unknown host."""
+    if is_numeric(url.host):  # needs neither a name server nor files, of which a process may have no more
+        return (url.host,)
     infos = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
     return tuple(dict.fromkeys(str(info[4][0]) for info in infos))
 

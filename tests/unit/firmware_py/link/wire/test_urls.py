@@ -12,6 +12,7 @@ from firmware_py.link.wire.urls import (
     Policy,
     parse_options,
     parse_url,
+    resolve,
 )
 
 BY_PATH = "/dev/serial/by-path/x-usb-0:1.2:1.0-port0"
@@ -114,3 +115,9 @@ def test_invalid_option_is_rejected_in_one_line_with_the_allowed_values(text, re
         parse_url(f"udpin:0.0.0.0:14550?{text}")
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000
+
+
+def test_numeric_host_needs_no_lookup(monkeypatch):
+    """A lookup imports codecs and opens files; at the limit of open files it ended the start with a traceback."""
+    monkeypatch.setattr("socket.getaddrinfo", None)
+    assert resolve(parse_url("udpout:127.0.0.1:14550")) == ("127.0.0.1", 14550)
