@@ -17,47 +17,50 @@ from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
 from firmware_py.modes import PositionGoal
 
-MOVED_SHARE: Final = 0.5  # of the error of the first position; places within it were derived from that position
+# Home and goal are moved with a wrong first position if they are nearer to it than this fraction of its error.
+MOVED_DISTANCE_FRACTION: Final = 0.5
 
 
 def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, RudderStatus, tuple[Event, ...]]:
     """Update all estimates with the inputs of a tick; return state, rudder status and events."""
     now_s = inputs.tick.t_s
     rudder_state, rudder_status = rudder.update(settings.rudder, state.rudder, inputs)
-    # By the intervals before this tick, so that a gap does not extend its own time-out.
+    # The intervals of this tick are not included: a gap must not extend its own time-out.
     timeouts = heading_timeouts_of(settings, state.devices)
-    heading, in_use = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
-    heading_rad = heading.heading_rad if heading.is_fresh(now_s, timeouts.of(in_use)) else None
-    place = _predict_position(state, now_s, heading_rad, timeouts.position_s)
-    agreement = state.agreement
-    credible: list[PositionSample] = []
+    heading, source = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
+    heading_rad = heading.heading_rad if heading.is_fresh(now_s, timeouts.of(source)) else None
+    position_state = _predict_position(state, now_s, heading_rad, timeouts.position_s)
+    consistency = state.agreement
+    accepted_fixes: list[PositionSample] = []
     events: list[Event] = []
     for sample in inputs.positions:
-        if state.modes.armed and position_consistency.is_stuck(agreement, sample):
-            agreement, consistency_events = position_consistency.update(agreement, sample, is_armed=True)
+        if state.modes.armed and position_consistency.is_stuck(consistency, sample):
+            consistency, consistency_events = position_consistency.update(consistency, sample, is_armed=True)
             events += consistency_events
             continue
-        previous = place
-        place, is_accepted = position.update(place, sample, settings.position.jump_s)
+        previous = position_state
+        position_state, is_accepted = position.update(position_state, sample, settings.position.jump_s)
         if is_accepted:
-            credible.append(sample)
+            accepted_fixes.append(sample)
             if (jump_m := position.accepted_jump_m(previous, sample)) is not None:
                 events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {jump_m:.0f} m"))
             elif state.modes.armed:
                 events += _fix_events(previous, sample)
-            agreement, consistency_events = position_consistency.update(agreement, sample, is_armed=state.modes.armed)
+            consistency, consistency_events = position_consistency.update(
+                consistency, sample, is_armed=state.modes.armed
+            )
             events += consistency_events
             if state.home is None:
-                state = replace(state, home=_home_at(place.begun))
-            elif (wrong_fix := position.find_wrong_first_fix(previous, place)) is not None:
+                state = replace(state, home=_home_at(position_state.begun))
+            elif (wrong_fix := position.find_wrong_first_fix(previous, position_state)) is not None:
                 state, correction_events = _correct_first_position(state, wrong_fix, sample)
                 events += correction_events
     heading_state, heading_events = heading_estimator.update(
         settings.heading_estimator,
         state.heading_estimator,
         inputs.headings,
-        credible,
-        _rudder_of_estimate_rad(rudder_status),
+        accepted_fixes,
+        _rudder_for_estimator_rad(rudder_status),
         timeouts,
         now_s,
     )
@@ -70,38 +73,42 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         devices=devices,
         rudder=rudder_state,
         heading_estimator=heading_state,
-        position=place,
-        agreement=agreement,
+        position=position_state,
+        agreement=consistency,
     )
     return state, rudder_status, (*events, *heading_events, *device_events)
 
 
-def _rudder_of_estimate_rad(rudder: RudderStatus) -> float:
+def _rudder_for_estimator_rad(rudder: RudderStatus) -> float:
     """Return the rudder angle for the estimator; NaN if it is not measured and the servo has no torque."""
     return math.nan if not rudder.measured and rudder.torque_on is False else rudder.angle_rad
 
 
 def _predict_position(state: State, now_s: float, heading_rad: float | None, timeout_s: float) -> PositionState:
-    """Return the position predicted to now_s; by dead reckoning if there is no fix for timeout_s."""
-    place, water_state = state.position, state.heading_estimator.water
-    if place.fix is None and place.dead_reckoning is None:
-        return place
-    if state.timing.started_s is None and place.dead_reckoning is not None:
-        place = last_position.with_first_tick(place, now_s)
-    if place.fix is not None and place.dead_reckoning is None and now_s - place.fix.t_s > timeout_s:
-        place = replace(place, dead_reckoning=dead_reckoning.begin(water_state, now_s))
-    if place.dead_reckoning is None:
+    """Return the position predicted to now_s; by dead reckoning if the last fix is older than timeout_s."""
+    position_state, water_state = state.position, state.heading_estimator.water
+    if position_state.fix is None and position_state.dead_reckoning is None:
+        return position_state
+    if state.timing.started_s is None and position_state.dead_reckoning is not None:
+        position_state = last_position.with_first_tick(position_state, now_s)
+    if (
+        position_state.fix is not None
+        and position_state.dead_reckoning is None
+        and now_s - position_state.fix.t_s > timeout_s
+    ):
+        position_state = replace(position_state, dead_reckoning=dead_reckoning.begin(water_state, now_s))
+    if position_state.dead_reckoning is None:
         velocity_m_s = water.over_ground_m_s(water_state, math.nan if heading_rad is None else heading_rad)
-        return position.predict(place, now_s, velocity_m_s)
-    step_s = max(0.0, now_s - place.t_s)
+        return position.predict(position_state, now_s, velocity_m_s)
+    step_s = max(0.0, now_s - position_state.t_s)
     advanced, over_ground_m_s = dead_reckoning.advance(
-        place.dead_reckoning, heading_rad, step_s, is_under_way=state.modes.armed
+        position_state.dead_reckoning, heading_rad, step_s, is_under_way=state.modes.armed
     )
-    return position.predict(replace(place, dead_reckoning=advanced), now_s, over_ground_m_s)
+    return position.predict(replace(position_state, dead_reckoning=advanced), now_s, over_ground_m_s)
 
 
 def _fix_events(previous: PositionState, fix: PositionSample) -> tuple[Event, ...]:
-    """Return the event of a fix that ends dead reckoning of more than MAX_GAP_S."""
+    """Return the event of a fix after more than MAX_GAP_S of dead reckoning."""
     without_fix_s = position.time_since_fix_s(previous) + fix.t_s - previous.t_s
     if previous.dead_reckoning is None or without_fix_s <= position.MAX_GAP_S:
         return ()
@@ -117,19 +124,22 @@ def _correct_first_position(
     Home and goal are moved by the same distance if they are near the wrong position. Water, tasks (for example the
     loiter point) and fence margin restart at the present position.
     """
-    first, place = position.place_of(wrong_fix), position.place_of(right_fix)
-    error_m, _ = first.distance_and_bearing(place)
+    wrong_place, right_place = position.place_of(wrong_fix), position.place_of(right_fix)
+    error_m, _ = wrong_place.distance_and_bearing(right_place)
 
     def move_if_near(latitude_rad: float, longitude_rad: float) -> Place | None:
-        position = Place(latitude_rad, longitude_rad)
-        is_near = first.distance_and_bearing(position)[0] < MOVED_SHARE * error_m
-        return place.at_offset(*first.offset_m(position)) if is_near else None
+        place = Place(latitude_rad, longitude_rad)
+        is_near = wrong_place.distance_and_bearing(place)[0] < MOVED_DISTANCE_FRACTION * error_m
+        return right_place.at_offset(*wrong_place.offset_m(place)) if is_near else None
 
     home, modes, goal = state.home, state.modes, state.modes.goal
-    if home is not None and (moved := move_if_near(home.latitude_rad, home.longitude_rad)) is not None:
-        home = Home(moved.latitude_rad, moved.longitude_rad, right_fix.altitude_m or 0.0)
-    if isinstance(goal, PositionGoal) and (moved := move_if_near(goal.latitude_rad, goal.longitude_rad)) is not None:
-        modes = replace(modes, goal=PositionGoal(moved.latitude_rad, moved.longitude_rad))
+    if home is not None and (moved_place := move_if_near(home.latitude_rad, home.longitude_rad)) is not None:
+        home = Home(moved_place.latitude_rad, moved_place.longitude_rad, right_fix.altitude_m or 0.0)
+    if (
+        isinstance(goal, PositionGoal)
+        and (moved_place := move_if_near(goal.latitude_rad, goal.longitude_rad)) is not None
+    ):
+        modes = replace(modes, goal=PositionGoal(moved_place.latitude_rad, moved_place.longitude_rad))
     expected = state.heading_estimator.water.expected
     state = replace(
         state,
@@ -143,6 +153,7 @@ def _correct_first_position(
 
 
 def _home_at(sample: PositionSample | None) -> Home | None:
+    """Return home at the position of a fix; None without a position."""
     if sample is None or sample.latitude_rad is None or sample.longitude_rad is None:
         return None
     return Home(sample.latitude_rad, sample.longitude_rad, sample.altitude_m or 0.0)

@@ -1,6 +1,6 @@
-"""Dead reckoning: position without fixes, from the last estimate of speed and current, and the growth of its error.
+"""Dead reckoning: position without fixes, from the last estimate of speed and current, and its standard deviation.
 
-The equations are those of water_results.py. This module holds the record that outlives a restart.
+The equations are in water_results.py. This module contains the state that is stored for a restart.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from msgspec.structs import replace
 from firmware_py.estimate import water_results
 from firmware_py.estimate.water import WaterState
 
-UNUSABLE_SD_M: Final = 1e5  # standard deviation of a position that is too uncertain to use
+UNUSABLE_SD_M: Final = 1e5  # standard deviation that makes a position unusable
 
 Velocity = tuple[float, float]  # north and east, m/s
 
 
 class DeadReckoning(msgspec.Struct, frozen=True):
-    """Dead reckoning since the last fix, at the time begun_s: speed and current at that fix, and the distance since."""
+    """State of dead reckoning. `water`: speed and current at its start, and their integrals. `begun_s`: its start."""
 
     water: water_results.DeadReckoning
     begun_s: float
 
 
 def begin(water: WaterState, begun_s: float) -> DeadReckoning:
-    """Begin dead reckoning with the speed and current that guidance uses."""
+    """Return the state at the start of dead reckoning, with the slow estimate of speed and current if there is one."""
     dead_reckoning = water_results.begin_dead_reckoning(water.filter, begun_s)
     if not math.isnan(water.slow_t_s):
         dead_reckoning = dead_reckoning._replace(
@@ -41,9 +41,9 @@ def begin(water: WaterState, begun_s: float) -> DeadReckoning:
 def advance_without_heading(
     state: DeadReckoning, duration_s: float | None
 ) -> tuple[DeadReckoning, tuple[float, float]]:
-    """Return the dead reckoning after a time of unknown heading, and the drift north and east in it, in metres.
+    """Return the state after a time of unknown heading, and the drift by the current in this time (north, east; m).
 
-    The drift is that by the current. `duration_s` None: the time is not known, so that the position is not usable.
+    `duration_s` None: the time is not known, so the position is not usable.
     """
     water = state.water
     if duration_s is None:
@@ -56,10 +56,10 @@ def advance_without_heading(
 def advance(
     state: DeadReckoning, heading_rad: float | None, step_s: float, *, is_under_way: bool
 ) -> tuple[DeadReckoning, Velocity]:
-    """Return the dead reckoning after a step, and the velocity over ground in it.
+    """Return the state after a step, and the velocity over ground during the step.
 
-    Without a heading the boat is assumed to drift with the current. If it is not under way, as at anchor, it is assumed
-    to stay in place.
+    Without a heading the boat is assumed to drift with the current. If it is not under way (for example at anchor), it
+    is assumed to stay in place.
     """
     water = state.water
     if not is_under_way:

@@ -108,7 +108,7 @@ def update(
         if state.declination.declination_rad is not None:
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
     declination_rad = observer_settings.declination_rad or None
-    odd_variation, events = variation.check(state.odd_variation, headings, declination_rad)
+    odd_variation, events = variation.find_unused(state.odd_variation, headings, declination_rad)
     headings = [variation.apply(sample, declination_rad) for sample in headings]
     true_samples = [
         TrueHeadingSample(

@@ -31,7 +31,7 @@ from hil.sim.device_factory import make_emulators
 from hil.sim.logbook import RunOptions, recorded_run
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import VEHICLE_NAME, locked_directory
-from hil.sim.signals import interruptible, stopped_by_signal
+from hil.sim.signals import interruptible, stop_signal_handler
 from hil.sim.vehicle_file import file_text
 
 DEFAULT_SEA = "sea"
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"directory {directory}: {error.strerror}; give another") from None
         book.begin()
         _print_ports(directory, board, lines)
-        book.wall_s = _serve(board, options.seconds, stack.enter_context(stopped_by_signal()))
+        book.wall_s = _serve(board, options.seconds, stack.enter_context(stop_signal_handler()))
     return 0
 
 

@@ -18,7 +18,7 @@ from hil.devices.message_post import FROM_BOAT, IMEI_DIGITS, TO_BOAT, MessagePos
 from hil.errors import UsageError
 from hil.shore.gateway import Gateway
 from hil.shore.web import Inbox, Sender
-from hil.sim.signals import stopped_by_signal
+from hil.sim.signals import stop_signal_handler
 
 DEFAULT_STATION = "udpout:127.0.0.1:14550"
 _POLL_DIRECTORY_S = 0.5
@@ -149,7 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"directory {arguments.directory}: {error.strerror}; give another") from None
     with contextlib.ExitStack() as stack:
-        is_stopped = stack.enter_context(stopped_by_signal())
+        is_stopped = stack.enter_context(stop_signal_handler())
         station = stack.enter_context(contextlib.closing(StationLink(arguments.station, key)))
         outbox = stack.enter_context(contextlib.closing(_Outbox(post, _sender_of(arguments))))
         if arguments.http is not None:

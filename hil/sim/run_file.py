@@ -1,4 +1,4 @@
-"""run.json: the options of a run and how it ended, the source of summary and report."""
+"""run.json: options, orders and ending of a run. Summary and report are made from it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from hil.sim.ground_station import Order
 
 NAME = "run.json"
 UNDER_WAY, FINISHED = "under way", "finished"
-MAX_BYTES = 1 << 24
+MAX_BYTES = 1 << 24  # a longer file is rejected
 _PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
 
 
 @dataclass(frozen=True, slots=True)
 class OrderRecord:
-    """A command of the operator and the time of its acceptance; `goal_s` is the time of a goal, else None."""
+    """An order of the simulated ground station: planned time of its goal, times of first sending and acceptance.
+
+    None: no goal, not sent, not accepted.
+    """
 
     text: str
     goal_s: float | None
@@ -31,16 +34,17 @@ class OrderRecord:
 
     @classmethod
     def of(cls, order: Order) -> OrderRecord:
-        """Convert an order of the ground station."""
+        """Return the record of an order of the simulated ground station."""
         return cls(order.text, None if order.goal is None else order.goal.t_s, order.first_sent_s, order.accepted_s)
 
 
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """The data of a run except its truth and its logs; `ending` is FINISHED or the reason for an early end.
+    """The data of a run except truth and logs.
 
-    `sea` contains labels and values; `arrivals` are the time and number of each mission item reached. `wall_s`,
-    `supply` and `vessels` are None if they were not recorded. Time 0 is `start_utc_s` of the receiver.
+    `ending`: UNDER_WAY, FINISHED or the reason for an early end. `sea`: labels and values. `arrivals`: time and number
+    of each mission item reached. `start_utc_s`: UTC of the simulated receiver at time 0. `wall_s`, `supply` and
+    `vessels` are None if they were not recorded.
     """
 
     command: tuple[str, ...]
@@ -75,7 +79,7 @@ class RunFile:
 
 
 def read(out: Path) -> RunFile:
-    """Read run.json; raise UsageError if it is missing or of another version."""
+    """Read run.json; raise UsageError if it is missing, damaged or of another version."""
     try:
         with (out / NAME).open("rb") as file:
             content = json.loads(file.read(MAX_BYTES))
@@ -89,16 +93,16 @@ def read(out: Path) -> RunFile:
     except OSError as error:
         raise UsageError(f"{out / NAME}: {error.strerror}; name the directory of a run") from None
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise UsageError(f"{out / NAME} is not a run of this version; repeat the run") from None
+        raise UsageError(f"{out / NAME} is damaged or of another version; repeat the run") from None
 
 
 def now_text() -> str:
-    """Return the date and time of day, UTC."""
+    """Return the present date and time in UTC."""
     return dt.datetime.now(tz=dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, packages and the git commit."""
+    """Return the versions of Python and of the main packages, and the git commit."""
     version_texts = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:

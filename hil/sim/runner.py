@@ -32,7 +32,7 @@ from hil.sim.realtime import RealTimeServer
 from hil.sim.reserved_cores import reserved_cores
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME
 from hil.sim.run_file import OrderRecord
-from hil.sim.signals import interruptible, stopped_by_signal
+from hil.sim.signals import interruptible, stop_signal_handler
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text
 from hil.sim.view_page import ViewPage
@@ -141,7 +141,7 @@ class _Run:
                 display = page
                 arguments.append("--status")
             if options.play:
-                self._is_stopped = stack.enter_context(stopped_by_signal())
+                self._is_stopped = stack.enter_context(stop_signal_handler())
             if options.lockstep:
                 return self._in_lockstep([*arguments, "--lockstep", str(self._socket_path)], display)
             return self._in_real_time(arguments, display)

@@ -8,8 +8,11 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def stopped_by_signal() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C or SIGTERM end a run in order; yield a function that tests for it. A second signal interrupts."""
+def stop_signal_handler() -> Iterator[Callable[[], bool]]:
+    """Handle Ctrl-C and SIGTERM; yield a function that returns whether one has arrived.
+
+    A second signal has its usual effect.
+    """
     is_stopped = False
     previous_handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -29,14 +32,17 @@ def stopped_by_signal() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt like Ctrl-C, so that all processes and ports are closed."""
+    """Make SIGTERM raise KeyboardInterrupt like Ctrl-C, so that context managers close all processes and ports.
+
+    This has no effect outside the main thread.
+    """
 
     def interrupt(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
 
     try:
         previous_handler = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not the main thread: the caller handles signals
+    except ValueError:  # not the main thread
         yield
         return
     try:

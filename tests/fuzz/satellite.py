@@ -1,32 +1,34 @@
-"""The satellite link with any output of the modem and any messages.
+"""Fuzz the satellite link: arbitrary output of the modem, arbitrary messages.
 
-Each record is output of the modem or a received message. Its kind also selects the time step.
+Each record is output of the modem or a received message. The kind of the record also selects the time step.
 """
 
 from fuzz.devices import buffered_bytes
 from fuzz.target import Target, records
 from support.satellite import KEY, SatelliteBoat
 
-MESSAGE, LONG_STEP = 0x01, 0x02
+MESSAGE_FLAG, LONG_STEP_FLAG = 0x01, 0x02  # bits of the kind of a record
 MAX_BUFFERED_BYTES = 16_384
+DAY_CREDITS = 50  # default of SBD_DAY_CRED
+MAX_RECEIVED_CREDITS = 6  # of a message of 270 bytes, the longest that the network delivers
 
 
 def play(data):
-    """Check that input without the key has no effect and that the buffers are bounded."""
+    """Check that input without the key has no effect, and that credits and buffers are bounded."""
     boat = SatelliteBoat(key=KEY)
     boat.modem.take_output = lambda _now_s: b""
     driver = boat.transport._driver
     driver.modem.imei = boat.modem.imei
     for kind, body in records(data):
-        if kind & MESSAGE:
+        if kind & MESSAGE_FLAG:
             driver.received.append((len(body), body))
         else:
             boat.line.waiting += body
-        step_s = 20.0 if kind & LONG_STEP else 0.5
+        step_s = 20.0 if kind & LONG_STEP_FLAG else 0.5
         boat.run_to(boat.now_s + 3.0 * step_s, step_s, step_s)
-        boat.delivered()
+        boat.delivered()  # decodes the frames that have arrived on shore
     assert boat.intents == []
-    assert driver.ledger.day_used <= 50 + 6 * driver.counts.sessions
+    assert driver.ledger.day_used <= DAY_CREDITS + MAX_RECEIVED_CREDITS * driver.counts.sessions
     assert buffered_bytes(driver, {id(boat.network)}) <= MAX_BUFFERED_BYTES
 
 

@@ -1,4 +1,4 @@
-"""STATUSTEXTs of commands and their refusals: meaning and remedy, for params/TEXTS.md."""
+"""Meaning and remedy of the STATUSTEXTs of commands and refusals, for params/TEXTS.md."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ from collections.abc import Mapping
 
 _CORRECT_VALUE = "correct the named value and send the command again"
 _INVALID_POSITION = "latitude or longitude is out of range or not a number"
+_INVALID_PARAMETER = "the value is not allowed for the command that the text names first"
 _DISARM = "disarm the boat first"
-_NOT_STORED = "active, but not on disk: a restart may lose it"
-_DISK = "see STORAGE_FAILING; send the command again when the disk works"
+_NOT_STORED = "the change is active but not on disk: a restart may lose it"
+_REPAIR_DISK = "see STORAGE_FAILING; send the command again when the disk works"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
     "<command> refused": (
-        "the request handler refused it without a reason",
-        "check mode and state, then send it again",
+        "the command was refused without a reason",
+        "check the mode and whether the boat is armed, then send the command again",
     ),
     "<parameter>: refused": ("the value is not accepted", "see the reference of parameters"),
-    "Too many requests: try again": ("more requests arrived in one tick than are processed", "send it again"),
+    "Too many requests: try again": ("more requests arrived in one tick than are processed", "send the request again"),
     "Too many commands in progress": ("eight long commands are in progress", "wait for their acknowledgements"),
     "<command> is already in progress": ("the same command is in progress", "wait, or cancel it with COMMAND_CANCEL"),
     "not done in time": ("a long command has exceeded its timeout", "see the texts before it; try again"),
-    "done but not yet stored": (_NOT_STORED, _DISK),
-    "<command>: done but not stored": (_NOT_STORED, _DISK),
-    "guided waypoint active but not stored": (_NOT_STORED, _DISK),
-    "Mission item <number> active but not stored": (_NOT_STORED, _DISK),
-    "<request> is not supported yet": ("not supported by this version", "use another command"),
+    "done but not yet stored": (_NOT_STORED, _REPAIR_DISK),
+    "<command>: done but not stored": (_NOT_STORED, _REPAIR_DISK),
+    "guided waypoint active but not stored": (_NOT_STORED, _REPAIR_DISK),
+    "Mission item <number> active but not stored": (_NOT_STORED, _REPAIR_DISK),
+    "<request> is not supported yet": (
+        "this version does not support the request",
+        "update the autopilot, or use another command",
+    ),
     "PreArm: all good": ("arming would be accepted", "nothing"),
     "PreArm: starting": ("the autopilot is starting", "try again in a second"),
     "PreArm: already armed": ("checks run only before arming", "nothing"),
@@ -59,7 +63,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the goal is relative, and no heading is valid",
         "see the faults of the compass",
     ),
-    "no home for a relative goal": ("the goal is relative to home, which is not set", "DO_SET_HOME, or a fix"),
+    "no home for a relative goal": (
+        "the goal is relative to home, which is not set",
+        "set home (DO_SET_HOME), or wait for a fix",
+    ),
     "no valid position for a relative goal": (
         "the goal is relative to the boat, and there is no fix",
         "see POSITION_LOST",
@@ -73,7 +80,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         _CORRECT_VALUE,
     ),
     "the attitude is masked out": ("the attitude of SET_ATTITUDE_TARGET is masked out", _CORRECT_VALUE),
-    "the stick is not within -1000 to 1000": ("field y or r of MANUAL_CONTROL", "calibrate the joystick"),
+    "the stick is not within -1000 to 1000": (
+        "field y or r of MANUAL_CONTROL is out of range",
+        "calibrate the joystick",
+    ),
     "RC override ignored: disarmed": ("the rudder follows a stick only while armed", "arm, or release the override"),
     "RC override ignored: channel 1 is the rudder in MANUAL, the heading in STEERING": (
         "only other channels are overridden",
@@ -83,31 +93,37 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "in this mode the stick is ignored",
         "choose MANUAL or STEERING, or release the override",
     ),
-    "param<number> is <value>; allowed: <values>": ("follows the name of the command", _CORRECT_VALUE),
+    "param<number> is <value>; allowed: <values>": (_INVALID_PARAMETER, _CORRECT_VALUE),
     "Speed command ignored: a wave glider cannot set its speed": (
         "DO_CHANGE_SPEED is accepted for compatibility only",
         "nothing",
     ),
     "Rambler <version>": ("the program and its commit (DO_SEND_BANNER)", "nothing"),
-    "channel 1 is not within 1000 to 2000": ("channel 1 of RC_CHANNELS_OVERRIDE, in us", "calibrate the joystick"),
+    "channel 1 is not within 1000 to 2000": (
+        "channel 1 of RC_CHANNELS_OVERRIDE (in us) is out of range",
+        "calibrate the joystick",
+    ),
     "frame <number> is not a local one": ("the frame of the position target is not supported", _CORRECT_VALUE),
     "the position is not within <number> km": ("a local position must be near home or the boat", _CORRECT_VALUE),
     "local position beyond a pole": ("north and east are undefined", "send latitude and longitude"),
     "latitude or longitude out of range": (_INVALID_POSITION, _CORRECT_VALUE),
     "frame <number> is not a global one": ("the command needs latitude and longitude", _CORRECT_VALUE),
-    "param<number> is neither 0 (absolute) nor 1 (relative)": ("follows the name of the command", _CORRECT_VALUE),
-    "the direction is not -1, 0 or 1": ("param3 of CONDITION_YAW", _CORRECT_VALUE),
-    "the angle is not within <limits> deg": ("follows the name of the command", _CORRECT_VALUE),
-    "the type is neither course over ground (0) nor heading (1)": ("param1 of GUIDED_CHANGE_HEADING", _CORRECT_VALUE),
-    "flags (param2) <number> are not within 0 to 65535": ("param2 of DO_REPOSITION", _CORRECT_VALUE),
-    "param1 is neither 0 nor 1": ("follows the name of the command", _CORRECT_VALUE),
-    "param2 <number> is neither 0 nor 1": ("follows the name of the command", _CORRECT_VALUE),
+    "param<number> is neither 0 (absolute) nor 1 (relative)": (_INVALID_PARAMETER, _CORRECT_VALUE),
+    "the direction is not -1, 0 or 1": ("param3 of CONDITION_YAW is not allowed", _CORRECT_VALUE),
+    "the angle is not within <limits> deg": (_INVALID_PARAMETER, _CORRECT_VALUE),
+    "the type is neither course over ground (0) nor heading (1)": (
+        "param1 of GUIDED_CHANGE_HEADING is not allowed",
+        _CORRECT_VALUE,
+    ),
+    "flags (param2) <number> are not within 0 to 65535": ("param2 of DO_REPOSITION is out of range", _CORRECT_VALUE),
+    "param1 is neither 0 nor 1": (_INVALID_PARAMETER, _CORRECT_VALUE),
+    "param2 <number> is neither 0 nor 1": (_INVALID_PARAMETER, _CORRECT_VALUE),
     "Stick is out of range": ("invalid value in MANUAL_CONTROL or RC_CHANNELS_OVERRIDE", "calibrate the joystick"),
     "Home refused: position out of range": (_INVALID_POSITION, _CORRECT_VALUE),
     "Home refused: no position": ("home at the present position needs a fix", "wait for a fix, or send a position"),
     "position 0, 0 is not accepted": ("stations send this when they have no position", "send a position"),
     "home at 0, 0 is not accepted": ("stations send this when they have no position", "send a position"),
-    "the altitude is out of range": ("altitude of home, in metres", _CORRECT_VALUE),
+    "the altitude is out of range": ("the altitude of home is too large or not a number", _CORRECT_VALUE),
     "position not supported; use DO_REPOSITION": (
         "NAV_LOITER_UNLIM was sent with a position",
         "use DO_REPOSITION, or send no position",
@@ -116,14 +132,17 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "There is no mission": ("the request needs a mission", "upload a mission"),
     "Item <number> refused: mission has items <number> to <number>": ("there is no such item", _CORRECT_VALUE),
     "<command>: the mission has no such item": ("there is no such item", _CORRECT_VALUE),
-    "first item <number> or last item <number> is not valid": ("param1 and param2 of MISSION_START", _CORRECT_VALUE),
+    "first item <number> or last item <number> is not valid": (
+        "param1 or param2 of MISSION_START is not allowed",
+        _CORRECT_VALUE,
+    ),
     "Pause refused in <mode>: only AUTO has a mission": ("only AUTO can be paused", "enter AUTO first"),
     "There is no fence": ("without a fence it cannot be enabled", "upload a fence"),
     "<command>: fence kinds cannot be chosen; use param2 = 0": (
         "the fence is enabled or disabled as a whole",
         _CORRECT_VALUE,
     ),
-    "the kinds of fence are not a number": ("param2 of DO_FENCE_ENABLE", _CORRECT_VALUE),
+    "the kinds of fence are not a number": ("param2 of DO_FENCE_ENABLE is not allowed", _CORRECT_VALUE),
     "Battery report refused: value out of range": (
         "another component sent an impossible battery value",
         "check that component",
@@ -131,13 +150,22 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Bench rudder is out of range": ("the pulse is not a number", _CORRECT_VALUE),
     "Bench rudder refused: armed": ("direct rudder commands are for the bench only", _DISARM),
     "Bench rudder refused: rudder servo not responding": ("the servo does not reply", "see RUDDER_SILENT"),
-    "only servo 1, the rudder, is supported": ("param1 of DO_SET_SERVO", _CORRECT_VALUE),
-    "the pulse is not within 1000 to 2000 us": ("param2 of DO_SET_SERVO", _CORRECT_VALUE),
-    "Restart refused: armed": ("during a restart the rudder is not controlled for a second", "disarm, or force it"),
-    "param1 is neither 0, 1 (restart) nor 2 (shut down)": ("param1 of PREFLIGHT_REBOOT_SHUTDOWN", _CORRECT_VALUE),
+    "only servo 1, the rudder, is supported": ("param1 of DO_SET_SERVO is not 1", _CORRECT_VALUE),
+    "the pulse is not within 1000 to 2000 us": ("param2 of DO_SET_SERVO is out of range", _CORRECT_VALUE),
+    "Restart refused: armed": (
+        "during a restart the rudder is not controlled for a second",
+        "disarm, or force the restart (param6 = 20190226)",
+    ),
+    "param1 is neither 0, 1 (restart) nor 2 (shut down)": (
+        "param1 of PREFLIGHT_REBOOT_SHUTDOWN is not allowed",
+        _CORRECT_VALUE,
+    ),
     "<command>: only the autopilot itself can be restarted": ("other components cannot be restarted", _CORRECT_VALUE),
     "Reset of parameters refused: armed": ("the reset changes the steering", _DISARM),
-    "param1 is neither 0 (read), 1 (write) nor 2 (reset)": ("param1 of PREFLIGHT_STORAGE", _CORRECT_VALUE),
+    "param1 is neither 0 (read), 1 (write) nor 2 (reset)": (
+        "param1 of PREFLIGHT_STORAGE is not allowed",
+        _CORRECT_VALUE,
+    ),
     "<command>: plans are cleared by MISSION_CLEAR_ALL": (
         "PREFLIGHT_STORAGE is for parameters only",
         "use MISSION_CLEAR_ALL",
@@ -146,13 +174,13 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "values set by stations are deleted",
         "restart the autopilot",
     ),
-    "not stored, parameters unchanged": ("the parameters were not reset", _DISK),
+    "not stored, parameters unchanged": ("the parameters were not reset", _REPAIR_DISK),
     "All settings stored": ("all parameters are on disk", "nothing"),
-    "not all stored; retrying": ("some parameters are not on disk yet", _DISK),
+    "not all stored; retrying": ("some parameters are not on disk yet", _REPAIR_DISK),
     "<parameter> is now <value>": ("a calibration has set and stored a parameter", "nothing"),
-    "<parameter> active but not stored": (_NOT_STORED, _DISK),
+    "<parameter> active but not stored": (_NOT_STORED, _REPAIR_DISK),
     "<parameter>: takes effect at the next start": (
-        "it is stored",
+        "the new value is stored",
         "restart the autopilot (PREFLIGHT_REBOOT_SHUTDOWN)",
     ),
     "<parameter> is read-only": ("the autopilot maintains the value itself", "nothing"),
@@ -161,7 +189,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<parameter>: <value> is out of range; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
     "<parameter>: <value> is not one of its values; allowed: <values>": ("the value is not accepted", _CORRECT_VALUE),
     "unknown parameter <name>; near it: <names>": (
-        "name of another version, or mistyped",
+        "the name is mistyped or belongs to another version",
         "use one of the similar names",
     ),
     "Calibration refused: armed": ("a calibration changes the steering", _DISARM),
@@ -175,9 +203,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the calibration is not supported",
         "use one of the named calibrations; see the page on calibration",
     ),
-    "the yaw is not within -360 to 360 deg": ("param1 of FIXED_MAG_CAL_YAW", _CORRECT_VALUE),
+    "the yaw is not within -360 to 360 deg": ("param1 of FIXED_MAG_CAL_YAW is out of range", _CORRECT_VALUE),
     "compass mask (<parameter>) <number> is neither 0 nor 1": (
-        "the boat calibrates one compass; the text follows the name of the command",
+        "the boat calibrates one compass; the text names the command first",
         _CORRECT_VALUE,
     ),
     "Compass swing refused: <why>": (
@@ -186,20 +214,20 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "Compass swing: nothing to accept, <number> % done": (
         "there is no proposal yet",
-        "continue on headings that are still missing (`rambler status`)",
+        "sail the missing headings (`rambler status` shows them)",
     ),
     "Compass swing: sail all headings, 15 min each, then accept": (
         "a swing has begun; it observes and does not steer",
         "use a loiter circle of 150 m radius, or a mission with legs in all directions",
     ),
     "Compass swing: <proposal>; accept with DO_ACCEPT_MAG_CAL": (
-        "proposed `CMP_DEV_A` to `CMP_DEV_E`, standard deviation, error of the present values, residual",
+        "the proposal is `CMP_DEV_A` to `CMP_DEV_E`, with standard deviation, error of the present values and residual",
         "accept when the error is clearly larger than the standard deviation; until then the proposal improves",
     ),
     "Compass swing: <coefficients> deg set": ("the proposal was accepted", "DO_CANCEL_MAG_CAL restores the old values"),
     "Compass swing: <coefficients> deg restored": ("the old values are active again", "nothing"),
     "Compass swing: cancelled, nothing was set": ("the observations are deleted", "nothing"),
-    "deviation active but not stored": (_NOT_STORED, _DISK),
+    "deviation active but not stored": (_NOT_STORED, _REPAIR_DISK),
     "interval must be 20 ms (satellite: 10 s) to 1 h, 0 or -1; HEARTBEAT is fixed": (
         "allowed intervals of SET_MESSAGE_INTERVAL",
         _CORRECT_VALUE,

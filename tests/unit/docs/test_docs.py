@@ -1,4 +1,4 @@
-"""Names in the documentation exist: paths, modules, commands, options, parameters, figures."""
+"""Check that the paths, modules, commands, options, parameters and figures in the documentation exist."""
 
 import contextlib
 import importlib
@@ -17,13 +17,13 @@ ROOT_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY
 PAGES = [*ROOT_PAGES, *DOCS]
 ALL_PAGES = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "params").glob("*.md"))]
 PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
-CODE = re.compile(r"```.*?```|`[^`]+`", re.DOTALL)
-FOLDERS = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
+CODE_PATTERN = re.compile(r"```.*?```|`[^`]+`", re.DOTALL)
+FOLDER_PATTERN = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
 
 
-def code_in(text):
+def find_code(text):
     """Return the code spans and blocks of a page, without the languages of blocks."""
-    return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE.findall(text)]
+    return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE_PATTERN.findall(text)]
 
 
 def errors_by_page(find_errors, pages=PAGES):
@@ -34,8 +34,8 @@ def errors_by_page(find_errors, pages=PAGES):
 
 def test_named_paths_exist():
     def find_missing(text):
-        # NAME is a placeholder; `make docs` makes _build.
-        names = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
+        # Paths with the placeholder NAME are not checked, nor _build, which exists only after `make docs`.
+        names = re.findall(rf"(?<![\w./-]){FOLDER_PATTERN}/[\w./-]*", text)
         paths = {name.rstrip(".") for name in names if "NAME" not in name and "_build" not in name}
         return [path for path in sorted(paths) if not (ROOT / path).exists()]
 
@@ -43,26 +43,27 @@ def test_named_paths_exist():
 
 
 @cache
-def resolves(name):
+def is_known_name(name):
     """Return whether a dotted name is a module, or an attribute of a module at any depth."""
     with contextlib.suppress(ModuleNotFoundError):
         importlib.import_module(name)
         return True
     owner, _, attribute = name.rpartition(".")
-    return bool(owner) and resolves(owner) and hasattr(resolve(owner), attribute)
+    return bool(owner) and is_known_name(owner) and hasattr(resolve_name(owner), attribute)
 
 
-def resolve(name):
+def resolve_name(name):
+    """Return the module or attribute of a dotted name."""
     with contextlib.suppress(ModuleNotFoundError):
         return importlib.import_module(name)
     owner, _, attribute = name.rpartition(".")
-    return getattr(resolve(owner), attribute)
+    return getattr(resolve_name(owner), attribute)
 
 
 def test_named_modules_exist():
     def find_missing(text):
         names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", text)
-        return [name for name in names if not name.endswith(".py") and not resolves(name)]
+        return [name for name in names if not name.endswith(".py") and not is_known_name(name)]
 
     assert errors_by_page(find_missing) == {}
 
@@ -72,12 +73,13 @@ def test_functions_of_the_data_paths_exist():
     rows = re.findall(r"^\| \d+ \| `([\w.]+)` `([\w.]+)` \|", text, re.MULTILINE)
     names = [f"{module}.{function}" for module, function in rows]
     assert len(names) > 60
-    assert [name for name in names if not resolves(f"firmware_py.{name}")] == []
-    assert not resolves("firmware_py.core.step.no_such_function")
+    assert [name for name in names if not is_known_name(f"firmware_py.{name}")] == []
+    assert not is_known_name("firmware_py.core.step.no_such_function")
 
 
 @cache
-def help_of(program, *words):
+def help_text(program, *words):
+    """Return the output of a command with the option -h."""
     main = importlib.import_module(PROGRAMS[program]).main
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output), contextlib.suppress(SystemExit):
@@ -85,17 +87,17 @@ def help_of(program, *words):
     return output.getvalue()
 
 
-def commands_in(text):
-    """Yield program and words of each command line in the code of a page; `sudo -u rambler` names a user."""
-    for span in code_in(text):
+def find_commands(text):
+    """Yield program and words of each command line in the code of a page; not the user name in `sudo -u rambler`."""
+    for span in find_code(text):
         for program, argument_text in re.findall(
             r"(?<![\w/.:-])(?<!-u )(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")
         ):
             yield program, argument_text.split()
 
 
-def unknown_names(program, words):
-    """Return the unknown names of a command line; empty if all are known."""
+def describe_unknown_names(program, words):
+    """Return the command with its unknown names, as a text; empty if all names are known."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     if not words or words == ["--version"]:
         return ""
@@ -103,7 +105,7 @@ def unknown_names(program, words):
         return f"{program} {words[0]}"
     has_subcommand = words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-")
     depth = 2 if has_subcommand else 1
-    text = help_of(program, *words[:depth])
+    text = help_text(program, *words[:depth])
     if not text.startswith("usage:"):
         return f"{program} {' '.join(words[:depth])}"
     options = [re.match(r"--[\w-]+", word.strip("[]'\"")) for word in words]
@@ -114,14 +116,14 @@ def unknown_names(program, words):
 def test_named_commands_and_options_exist():
     def find_unknown(text):
         text = re.sub(r"<!-- help: .*?<!-- end -->", "", text, flags=re.DOTALL)
-        return {unknown_names(program, words) for program, words in commands_in(text)} - {""}
+        return {describe_unknown_names(program, words) for program, words in find_commands(text)} - {""}
 
     assert errors_by_page(find_unknown) == {}
 
 
 @cache
 def parser_error(program, *words):
-    """Return the error of the parser for a command line; empty if it is accepted or only incomplete."""
+    """Return the error message of the parser; empty if it accepts the command line or only misses arguments."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     errors = io.StringIO()
     module = importlib.import_module(commands[words[0]][0])
@@ -133,7 +135,7 @@ def parser_error(program, *words):
 def test_named_command_lines_are_accepted():
     def find_rejected(text):
         text = re.sub(r"<!-- (?:help|output|code): .*?<!-- end -->", "", text, flags=re.DOTALL)
-        for span in code_in(text):
+        for span in find_code(text):
             # Lines with NAME, KIND, a|b or [...] are syntax, not commands.
             for program, argument_text in re.findall(
                 r"^(?:sudo )?(rambler(?:-hil)?) ([a-z][^#|\[\n]*)$", span.replace("\\\n", " "), re.MULTILINE
@@ -151,10 +153,10 @@ def test_named_command_lines_are_accepted():
 
 
 def test_command_check_detects_errors():
-    assert unknown_names("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
-    assert unknown_names("rambler", ["sail"]) == "rambler sail"
-    assert unknown_names("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
-    assert unknown_names("rambler", ["plan", "eat"]) == "rambler plan eat"
+    assert describe_unknown_names("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
+    assert describe_unknown_names("rambler", ["sail"]) == "rambler sail"
+    assert describe_unknown_names("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
+    assert describe_unknown_names("rambler", ["plan", "eat"]) == "rambler plan eat"
 
 
 def test_command_line_page_has_every_command():
@@ -172,7 +174,7 @@ def test_named_parameters_exist():
 
 def test_linked_files_exist():
     for page in ALL_PAGES:
-        links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE.sub("", page.read_text()))
+        links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE_PATTERN.sub("", page.read_text()))
         assert [link for link in links if not (page.parent / link).exists()] == [], page
 
 

@@ -34,11 +34,11 @@ from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUM
 
 
 class FakeClock:
-    """Advances only in `wait`; tests add the duration of work. `plan`: when descriptors become readable."""
+    """Advances only in `wait`; tests add the duration of work. `arrivals`: when descriptors become readable."""
 
     def __init__(self):
         self.t_s = 0.0
-        self.plan = []  # (time, descriptor)
+        self.arrivals = []  # (time, descriptor)
         self.waits = []
 
     def now_s(self):
@@ -49,14 +49,14 @@ class FakeClock:
 
     def wait(self, deadline_s, descriptors):
         self.waits.append((self.t_s, deadline_s, tuple(descriptors)))
-        due = sorted(entry for entry in self.plan if entry[0] <= deadline_s and entry[1] in descriptors)
-        if not due:
+        due_arrivals = sorted(entry for entry in self.arrivals if entry[0] <= deadline_s and entry[1] in descriptors)
+        if not due_arrivals:
             self.t_s = max(self.t_s, deadline_s)
             return []
-        if due[0][1] != FakeLink.DESCRIPTOR:  # the link remains readable until it is served
-            self.plan.remove(due[0])
-        self.t_s = max(self.t_s, due[0][0])
-        return [due[0][1]]
+        if due_arrivals[0][1] != FakeLink.DESCRIPTOR:  # the link remains readable until it is served
+            self.arrivals.remove(due_arrivals[0])
+        self.t_s = max(self.t_s, due_arrivals[0][0])
+        return [due_arrivals[0][1]]
 
 
 class FakeDevice:
@@ -100,12 +100,13 @@ class FakeRudder(FakeDevice):
 
     def __init__(self, call_log):
         super().__init__(DeviceRole.RUDDER)
-        self.log, self.commands = call_log, []
+        self.call_log = call_log
+        self.commands = []
         self.is_stuck = False
         self.prompt_replies = 0  # number of replies that need prompt I/O
 
     def command(self, command, now_s):
-        self.log.append(("command", now_s))
+        self.call_log.append(("command", now_s))
         self.commands.append((now_s, command))
         self.samples.append(RudderFeedback(now_s + 0.002, 0.3 if self.is_stuck else command.shaft_rad))
 
@@ -118,10 +119,14 @@ class FakeRudder(FakeDevice):
 
 
 class FakeLink:
+    """A link that records its calls; it is busy for `pending_calls` more calls of `service`."""
+
     DESCRIPTOR = 20
 
     def __init__(self, call_log):
-        self.log, self.outputs, self.on_service = call_log, [], lambda _now_s: None
+        self.call_log = call_log
+        self.outputs = []
+        self.on_service = lambda _now_s: None
         self.pending_calls = 0
         self.station_s = None
         self.key_problem = ""
@@ -131,22 +136,24 @@ class FakeLink:
         return self.pending_calls > 0
 
     def descriptors(self):
-        return [20]
+        return [self.DESCRIPTOR]
 
     def service(self, now_s, ready):
-        assert list(ready) == ([] if self.pending_calls else [20])
+        assert list(ready) == ([] if self.pending_calls else [self.DESCRIPTOR])
         if ready:
-            self.clock.plan.remove(min(entry for entry in self.clock.plan if entry[1] == self.DESCRIPTOR))
+            self.clock.arrivals.remove(min(entry for entry in self.clock.arrivals if entry[1] == self.DESCRIPTOR))
         self.pending_calls = max(0, self.pending_calls - 1)
-        self.log.append(("service", now_s))
+        self.call_log.append(("service", now_s))
         self.on_service(now_s)
 
     def publish(self, output, now_s):
-        self.log.append(("publish", now_s))
+        self.call_log.append(("publish", now_s))
         self.outputs.append(output)
 
 
 class FakeRecorder:
+    """A recorder that keeps inputs, output and previous state of each tick."""
+
     def __init__(self):
         self.ticks = []
 
@@ -158,8 +165,10 @@ class FakeRecorder:
 
 
 class FakeStore:
+    """A store in memory; `service` calls the callbacks of what has been stored."""
+
     def __init__(self):
-        self.saved, self.calls, self.failure = {}, [], ""
+        self.saved, self.callbacks, self.failure = {}, [], ""
 
     def fileno(self):
         return 30
@@ -170,26 +179,27 @@ class FakeStore:
     def save(self, name, content):
         self.saved[name] = content
 
-    def try_save(self, name, content, done):
+    def try_save(self, name, content, callback):
         self.saved[name] = content
-        self.calls.append(done)
+        self.callbacks.append(callback)
 
-    def when_stored(self, _names, call):
-        self.calls.append(call)
+    def when_stored(self, _names, callback):
+        self.callbacks.append(callback)
 
-    def on_mount(self, _names, _welcome):
+    def on_mount(self, _names, _callback):
         """Do nothing: the store is available from the start."""
 
     def service(self):
-        while self.calls:
-            self.calls.pop(0)(True)
+        while self.callbacks:
+            self.callbacks.pop(0)(True)
 
 
 @pytest.fixture
 def boat():
-    log = []
+    """Return the parts of the loop on a boat whose devices, link and store are fakes."""
+    call_log = []
     store = FakeStore()
-    link, clock = FakeLink(log), FakeClock()
+    link, clock = FakeLink(call_log), FakeClock()
     link.clock = clock
     autopilot = Autopilot(State.at_start(ParameterSet()), StateDirectory(store, pytest.fail))
     return LoopParts(
@@ -197,18 +207,18 @@ def boat():
         autopilot=autopilot,
         compass=FakeCompass(DeviceRole.COMPASS, 10),
         position=None,
-        rudder=FakeRudder(log),
+        rudder=FakeRudder(call_log),
         link=link,
         recorder=FakeRecorder(),
         store=store,
         lines=[],
         print_event=lambda _event: None,
-        fault_barrier=FaultBarrier(pytest.fail),  # errors occur only in its own test
+        fault_barrier=FaultBarrier(pytest.fail),  # tests that cause errors replace it
     )
 
 
 def run_for(boat, seconds):
-    # One more tick follows the stop.
+    # `run` makes one more tick after the stop, so it is stopped one period earlier.
     last_s = boat.clock.t_s + seconds - 1.0 / boat.autopilot.parameters()["LOOP_RATE_HZ"]
     run(boat, lambda: boat.clock.t_s >= last_s - 1e-9)
 
@@ -221,7 +231,7 @@ def set_parameter(boat, name, value):
     return boat.autopilot.decide(Request(boat.clock.t_s, SetParameter(name, value)))
 
 
-def texts(boat):
+def event_texts(boat):
     return [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
 
 
@@ -235,7 +245,7 @@ def test_ticks_start_at_their_absolute_deadlines(boat):
 
 def test_rudder_command_is_sent_before_the_link_publishes(boat):
     run_for(boat, 0.25)
-    order = [call for call, _ in boat.link.log if call in ("command", "publish")]
+    order = [call for call, _ in boat.link.call_log if call in ("command", "publish")]
     assert order[:4] == ["command", "publish", "command", "publish"]
 
 
@@ -249,14 +259,14 @@ def test_deadlines_missed_in_a_stall_are_skipped_in_phase_and_reported(boat):
     boat.link.publish = publish
     run_for(boat, 3.0)
     assert sum(tick.skipped for tick in ticks(boat)) == 6
-    after = next(tick for tick in ticks(boat) if tick.skipped)
-    assert after.t_s == pytest.approx(1.2)
-    assert after.late_s == pytest.approx(0.03)
+    late_tick = next(tick for tick in ticks(boat) if tick.skipped)
+    assert late_tick.t_s == pytest.approx(1.2)
+    assert late_tick.late_s == pytest.approx(0.03)
     assert ticks(boat)[-1].t_s == pytest.approx(round(ticks(boat)[-1].t_s, 1))
 
 
 class FakeLine:
-    """A closed port that records time_s it is reopened."""
+    """A closed port that records the times at which it is reopened."""
 
     written = 0
 
@@ -268,15 +278,15 @@ class FakeLine:
 
 
 def test_last_tick_opens_no_port(boat):
-    """After a killed harness, the paths of its ptys may belong to another process at the last tick."""
+    """After the harness is killed, another process may own the paths of its ptys."""
     line = FakeLine()
     boat.lines = [line]
     run_for(boat, 1.0)
     assert line.reopen_times_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
 
 
-@pytest.mark.parametrize("where", ["service", "publish", "store"])
-def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, where):
+@pytest.mark.parametrize("faulty_call", ["service", "publish", "store"])
+def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, faulty_call):
     printed, errors = [], iter([KeyError("inside")])
     boat.fault_barrier = FaultBarrier(printed.append)
 
@@ -284,22 +294,22 @@ def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, where):
         for error in errors:
             raise error
 
-    if where == "service":
-        boat.clock.plan = [(0.15, FakeLink.DESCRIPTOR)]
+    if faulty_call == "service":
+        boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR)]
         boat.link.on_service = raise_error
-    elif where == "publish":
+    elif faulty_call == "publish":
         boat.link.publish = raise_error
     else:
-        boat.clock.plan = [(0.15, boat.store.fileno())]
-        boat.store.service = lambda: (boat.clock.plan.clear(), raise_error())
+        boat.clock.arrivals = [(0.15, boat.store.fileno())]
+        boat.store.service = lambda: (boat.clock.arrivals.clear(), raise_error())
     run_for(boat, 1.0)
-    assert texts(boat).count("Link error KeyError; autopilot unaffected") == 1
+    assert event_texts(boat).count("Link error KeyError; autopilot unaffected") == 1
     assert printed[-1] == "KeyError: 'inside'"
     assert len(ticks(boat)) == pytest.approx(10, abs=1)
 
 
-def test_samples_have_their_arrival_time(boat):
-    boat.clock.plan = [(0.137, 10)]
+def test_sample_is_read_when_it_arrives(boat):
+    boat.clock.arrivals = [(0.137, 10)]
     run_for(boat, 0.3)
     assert 0.137 in boat.compass.receive_times_s
 
@@ -307,7 +317,7 @@ def test_samples_have_their_arrival_time(boat):
 def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
     boat.rudder.descriptor = 11
-    boat.clock.plan = [(0.104, 11), (0.214, 11), (0.216, 11)]
+    boat.clock.arrivals = [(0.104, 11), (0.214, 11), (0.216, 11)]
 
     def publish(_output, now_s):
         boat.rudder.prompt_replies = 1 if now_s == pytest.approx(0.2) else 0
@@ -319,7 +329,7 @@ def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
 
 
 def test_loop_does_not_wait_on_a_closed_port(boat):
-    boat.clock.plan = [(0.137, 10), (0.15, 10)]
+    boat.clock.arrivals = [(0.137, 10), (0.15, 10)]
     boat.compass.receive = lambda now_s: setattr(boat.compass, "fileno", lambda: -1) if now_s > 0.13 else None
     run_for(boat, 0.35)
     wait_times_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
@@ -329,11 +339,11 @@ def test_loop_does_not_wait_on_a_closed_port(boat):
 
 @pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])
 def test_loop_does_not_wait_on_a_connection_closed_by_service(boat, descriptor):
-    """The service of the link or a callback of the store may close it."""
-    boat.clock.plan = [(0.137, descriptor)]
+    """The service of the link or a callback of the store may close a connection of the link."""
+    boat.clock.arrivals = [(0.137, descriptor)]
 
     def close(*_):
-        boat.clock.plan.clear()
+        boat.clock.arrivals.clear()
         boat.link.descriptors = lambda: [21]
 
     boat.link.service = boat.store.service = close
@@ -348,7 +358,7 @@ def test_battery_monitor_is_read_at_the_ticks(boat):
     power = FakeDevice(DeviceRole.POWER, 12)
     boat.power = (power,)
     boat.__post_init__()
-    boat.clock.plan = [(0.137, power.fileno())]
+    boat.clock.arrivals = [(0.137, power.fileno())]
     set_parameter(boat, "LOOP_LOCK", 0)
     run_for(boat, 0.35)
     assert power.receive_times_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
@@ -356,23 +366,23 @@ def test_battery_monitor_is_read_at_the_ticks(boat):
 
 def test_link_is_not_served_shortly_before_a_deadline(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
-    boat.clock.plan = [(0.15, 20), (0.1985, 20)]
+    boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR), (0.1985, FakeLink.DESCRIPTOR)]
     run_for(boat, 0.4)
-    served = [t_s for call, t_s in boat.link.log if call == "service"]
-    assert served[0] == pytest.approx(0.15)
-    assert served[1] >= 0.2 - 1e-9  # received within the guard time
+    service_times_s = [t_s for call, t_s in boat.link.call_log if call == "service"]
+    assert service_times_s[0] == pytest.approx(0.15)
+    assert service_times_s[1] >= 0.2 - 1e-9  # the data arrive within the guard time
 
 
 def test_remaining_link_data_are_served_before_waiting(boat):
     boat.link.publish = lambda _output, now_s: setattr(boat.link, "pending_calls", 3 if 0.09 < now_s < 0.11 else 0)
     run_for(boat, 0.35)
-    served = [t_s for call, t_s in boat.link.log if call == "service"]
-    assert served == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
+    service_times_s = [t_s for call, t_s in boat.link.call_log if call == "service"]
+    assert service_times_s == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
 
 
 def test_ticks_drift_to_shortly_after_the_compass_samples(boat):
     boat.compass.receive = lambda now_s: None
-    boat.clock.plan = []
+    boat.clock.arrivals = []
     phase_s = 0.04
 
     def poll():
@@ -388,10 +398,10 @@ def test_ticks_drift_to_shortly_after_the_compass_samples(boat):
     ("tick_on_compass", "lock", "sample_s", "is_complete", "start_s"),
     [
         (True, 1, 0.098, True, 0.098),
-        (True, 1, 0.098, False, 0.1),  # an incomplete sentence
-        (True, 1, 0.095, True, 0.1),  # too early for this deadline
+        (True, 1, 0.098, False, 0.1),  # the sentence is incomplete
+        (True, 1, 0.095, True, 0.1),  # more than MAX_EARLY_S before the deadline
         (True, 0, 0.098, True, 0.1),
-        (False, 1, 0.098, True, 0.1),  # not in lockstep
+        (False, 1, 0.098, True, 0.1),  # in lockstep with a simulator
     ],
 )
 def test_tick_starts_with_the_sample_that_it_is_locked_to(boat, tick_on_compass, lock, sample_s, is_complete, start_s):
@@ -399,18 +409,18 @@ def test_tick_starts_with_the_sample_that_it_is_locked_to(boat, tick_on_compass,
     set_parameter(boat, "LOOP_LOCK", lock)
     receive = boat.compass.receive
     boat.compass.receive = lambda now_s: receive(now_s) if now_s == sample_s and is_complete else None
-    boat.clock.plan = [(sample_s, boat.compass.fileno())]
+    boat.clock.arrivals = [(sample_s, boat.compass.fileno())]
     run_for(boat, 0.25)
     samples = [sample.t_s for inputs, _, _ in boat.recorder.ticks for sample in inputs.headings]
     assert samples == ([sample_s] if is_complete else [])
     second, third = ticks(boat)[1:3]
     assert (second.t_s, second.late_s, third.t_s) == (pytest.approx(start_s), 0.0, pytest.approx(0.2, abs=6e-4))
-    assert [time_s for call, time_s in boat.link.log if call == "command"][1] == pytest.approx(start_s)
+    assert [time_s for call, time_s in boat.link.call_log if call == "command"][1] == pytest.approx(start_s)
 
 
 def test_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     answers = []
-    boat.clock.plan = [(0.15, 20)]
+    boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR)]
 
     def on_service(now_s):
         intents = (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan))
@@ -434,8 +444,8 @@ def test_flood_on_the_link_has_a_limited_share_and_delays_no_tick(boat):
 
     boat.link.on_service = on_service
     run_for(boat, 1.0)
-    served = sum(1 for entry in boat.link.log if entry[0] == "service")
-    assert served == pytest.approx(1000 * MAX_LINK_FRACTION, rel=0.1)
+    service_count = sum(call == "service" for call, _ in boat.link.call_log)
+    assert service_count == pytest.approx(1000 * MAX_LINK_FRACTION, rel=0.1)
     assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 
@@ -467,30 +477,30 @@ def test_accepted_parameter_is_used_at_once_and_stored(boat):
     assert answer.verdict is Verdict.ACCEPTED
     value = boat.autopilot.parameters()["CTL_K1"]
     assert value == pytest.approx(44.4)
-    boat.autopilot.when_stored(lambda _well: None)
+    boat.autopilot.when_stored(lambda _is_stored: None)
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
     assert set_parameter(boat, "CTL_K1", math.inf).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
 
 
-def record(boat):
+def resume_record(boat):
     return resume_from_bytes(boat.store.saved[RESUME_FILE])[0]
 
 
 def test_resume_record_is_updated_at_start_ticks_and_end(boat):
     set_parameter(boat, "BOOT_RESUME", 2)
-    kept = []
-    boat.link.publish = lambda output, now_s: kept.append((now_s, record(boat).modes.armed))
+    armed_states = []  # (time, armed in the record)
+    boat.link.publish = lambda output, now_s: armed_states.append((now_s, resume_record(boat).modes.armed))
     boat.link.on_service = lambda now_s: boat.autopilot.decide(Request(now_s, Arm(armed=True, force=True)))
-    boat.clock.plan.append((0.33, FakeLink.DESCRIPTOR))
+    boat.clock.arrivals.append((0.33, FakeLink.DESCRIPTOR))
     run_for(boat, 0.75)
     # The record of a tick is saved after its publication, so it is seen in the next one.
     arming_tick_s = next(tick.t_s for tick in ticks(boat) if tick.t_s > 0.33)
-    assert [armed for now_s, armed in kept if now_s <= arming_tick_s] == [False] * 5
-    assert all(armed for now_s, armed in kept if now_s > arming_tick_s)
+    assert [armed for now_s, armed in armed_states if now_s <= arming_tick_s] == [False] * 5
+    assert all(armed for now_s, armed in armed_states if now_s > arming_tick_s)
     boat.autopilot.decide(Request(boat.clock.t_s, SetMode(int(Mode.MANUAL))))
     run(boat, lambda: True)
-    assert record(boat).modes.mode is Mode.MANUAL
+    assert resume_record(boat).modes.mode is Mode.MANUAL
 
 
 def test_no_resume_record_without_boot_resume(boat):
@@ -522,23 +532,25 @@ def test_reset_deletes_stored_parameters_and_keeps_the_present_values(boat):
     assert boat.store.saved[PARAMETER_FILE] == b""
     assert boat.autopilot.parameters()["CTL_K1"] == 44.0
     set_parameter(boat, "CTL_K2", 0.5)
-    boat.autopilot.when_stored(lambda _well: None)
+    boat.autopilot.when_stored(lambda _is_stored: None)
     assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
 
 
 def test_clock_step_changes_no_deadline_and_is_reported(boat):
-    calendar = [1000.0]
-    boat.clock_setter = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
+    utc_values_s = [1000.0]
+    boat.clock_setter = ClockSetter(
+        lambda: utc_values_s[0], lambda utc_s: utc_values_s.append(utc_s) or True, lambda: False
+    )
     boat.position = FakePosition(DeviceRole.POSITION)
     run_for(boat, 2.0)
     set_parameter(boat, "LOOP_LOCK", 0)
-    assert calendar[1:] == pytest.approx([2e9], abs=3.0)
+    assert utc_values_s[1:] == pytest.approx([2e9], abs=3.0)
     times_s = [tick.t_s for tick in ticks(boat)]
     intervals_s = [later - earlier for earlier, later in itertools.pairwise(times_s)]
     assert intervals_s == pytest.approx([0.1] * len(intervals_s), abs=1e-3)
-    published = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
-    assert published == [text for text in texts(boat) if "Clock" in text]
-    assert len(published) == 1
+    clock_texts = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
+    assert clock_texts == [text for text in event_texts(boat) if "Clock" in text]
+    assert len(clock_texts) == 1
 
 
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
@@ -560,19 +572,21 @@ def test_plan_is_active_once_it_is_on_disk_and_is_an_input_of_the_next_tick(boat
 def test_plan_that_is_refused_or_cannot_be_stored_keeps_the_old_one(boat):
     answers = []
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
-    boat.store.calls.pop(0)(False)
+    boat.store.callbacks.pop(0)(False)
     too_long = Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001)
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(too_long)), answers.append)
     assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
     assert boat.autopilot.plans() == Plans()
 
 
-def test_rate_changes_with_its_parameter(boat):
+def test_loop_rate_follows_its_parameter(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
     set_parameter(boat, "LOOP_RATE_HZ", 50)
     run_for(boat, 2.0)
     times_s = [tick.t_s for tick in ticks(boat)]
-    assert [b - a for a, b in itertools.pairwise(times_s[2:])] == pytest.approx([0.02] * (len(times_s) - 3))
+    assert [later - earlier for earlier, later in itertools.pairwise(times_s[2:])] == pytest.approx(
+        [0.02] * (len(times_s) - 3)
+    )
     assert ticks(boat)[-1].rate_hz == 50
 
 
@@ -596,11 +610,11 @@ def test_store_failure_is_a_storage_fault(boat):
 
 
 def test_rudder_is_centred_when_an_error_ends_the_loop(boat):
-    def explode(output, now_s):
+    def raise_error(output, now_s):
         raise RuntimeError("unexpected")
 
-    boat.link.publish = explode
-    boat.fault_barrier = FaultBarrier(lambda _line: None)  # repeated errors exceed its limit
+    boat.link.publish = raise_error
+    boat.fault_barrier = FaultBarrier(lambda _line: None)  # it raises an error that is repeated too often
     with pytest.raises(RuntimeError, match="unexpected"):
         run_for(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0
@@ -609,7 +623,7 @@ def test_rudder_is_centred_when_an_error_ends_the_loop(boat):
 
 def test_rudder_that_passes_the_centre_is_not_yet_safe(boat):
     run_for(boat, 1.0)
-    angles_rad = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the first command does not arrive
+    angles_rad = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the rudder is still at 0.2 rad at the first reading
     boat.rudder.commands.clear()
     boat.rudder.command = lambda command, now_s: (
         boat.rudder.commands.append((now_s, command)),

@@ -11,7 +11,7 @@ from firmware_py.common.records import FixType, HeadingSample, NorthReference, P
 from firmware_py.core.state import State, heading_timeouts_of, settings_of
 from firmware_py.estimate import heading_estimator
 from firmware_py.estimate.declination import declination_rad
-from firmware_py.estimate.variation import apply, check
+from firmware_py.estimate.variation import apply, find_unused
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from hil.devices.nmea_text import whole_sentence
 from support.line import FakeLine
@@ -92,10 +92,10 @@ def test_true_heading_of_another_instrument_is_not_corrected():
 
 def test_unused_variation_is_reported_once_and_when_it_agrees_again():
     wrong, right = (HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(deg), source=1) for deg in (12.0, -7.0))
-    unused, events = check((None, None), [wrong, wrong], radians(-7.6))
+    unused, events = find_unused((None, None), [wrong, wrong], radians(-7.6))
     assert [event.text for event in events] == ["Compass B states variation 12.0 E: 7.6 W is used"]
-    assert check(unused, [wrong], radians(-7.6)) == (unused, ())
-    unused, events = check(unused, [right], radians(-7.6))
+    assert find_unused(unused, [wrong], radians(-7.6)) == (unused, ())
+    unused, events = find_unused(unused, [right], radians(-7.6))
     assert [event.text for event in events] == ["Compass B: stated variation agrees"]
     assert unused == (None, None)
 

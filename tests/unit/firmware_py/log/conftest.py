@@ -1,4 +1,4 @@
-"""A small fake autopilot with a state, whose run is logged and replayed."""
+"""A fake autopilot with a small state, and functions that log its ticks."""
 
 import math
 import types
@@ -39,10 +39,12 @@ class FakeState(msgspec.Struct, frozen=True):
 
 
 def restore(text):
+    """Return the state of a checkpoint, and notes on ignored parts."""
     return record_codec.from_text(FakeState, text, 1)
 
 
 def step(state, inputs):
+    """Steer to the goal with a smoothed heading; return the new state and the output."""
     smoothed_rad, goal_rad, armed = state.smoothed_rad, state.goal_rad, state.armed
     for sample in inputs.headings:
         smoothed_rad += 0.3 * wrap_pi(sample.heading_rad - smoothed_rad)
@@ -83,8 +85,8 @@ def step(state, inputs):
     return FakeState(smoothed_rad, goal_rad, armed), Output(command, snapshot, events)
 
 
-def inputs_of(index, rate_hz=2.0):
-    """Return inputs that contain every kind of record; up to 2 Hz the recorder holds no tick."""
+def make_inputs(index, rate_hz=2.0):
+    """Return inputs that contain every kind of record. At up to 2 Hz the recorder encodes each tick at once."""
     t_s = 12.3 + index * 0.1
     requests = {
         1: (
@@ -118,28 +120,28 @@ def inputs_of(index, rate_hz=2.0):
     )
 
 
-def run_ticks(recorder, indexes, state=None, *, after=None, rate_hz=2.0):
-    """Offer ticks to the recorder; return the state at the end and all inputs with outputs."""
+def run_ticks(recorder, indexes, state=None, *, after_tick=None, rate_hz=2.0):
+    """Offer ticks to the recorder; return the final state, and the inputs and output of each tick."""
     state = FakeState() if state is None else state
-    run = []
+    ticks = []
     for index in indexes:
-        inputs = inputs_of(index, rate_hz)
-        after_state, output = step(state, inputs)
+        inputs = make_inputs(index, rate_hz)
+        new_state, output = step(state, inputs)
         recorder.offer(inputs, output, lambda state=state: record_codec.to_text(state, 1))
-        run.append((inputs, output))
-        state = after_state
-        if after is not None:
-            after()
-    return state, run
+        ticks.append((inputs, output))
+        state = new_state
+        if after_tick is not None:
+            after_tick()
+    return state, ticks
 
 
 def make_recorder(directory, **options):
-    settings = {"file_bytes": 1 << 20, "max_total_bytes": 1 << 30, "utc_s": 1.7e9, "software": "Rambler test"}
-    return LogRecorder(directory, **({"parameters": ParameterSet(), "background": False} | settings | options))
+    defaults = {"file_bytes": 1 << 20, "max_total_bytes": 1 << 30, "utc_s": 1.7e9, "software": "Rambler test"}
+    return LogRecorder(directory, **({"parameters": ParameterSet(), "background": False} | defaults | options))
 
 
 def write_log(directory, count=6):
-    """Log a run and return the bytes of the file."""
+    """Log ticks and return the bytes of the log."""
     recorder = make_recorder(directory)
     run_ticks(recorder, range(count))
     recorder.close()
@@ -148,14 +150,14 @@ def write_log(directory, count=6):
 
 @pytest.fixture
 def fake():
-    """Return the functions of this file."""
+    """Return the fake autopilot and the functions that log it."""
     return types.SimpleNamespace(
         State=FakeState,
         step=step,
         restore=restore,
         state_from=lambda text: restore(text)[0],
         to_text=lambda state: record_codec.to_text(state, 1),
-        inputs_of=inputs_of,
+        make_inputs=make_inputs,
         run_ticks=run_ticks,
         make_recorder=make_recorder,
         write_log=write_log,

@@ -28,7 +28,7 @@ class Run:
 
     def sail(self, seconds, faults=0):
         for _ in range(seconds):
-            inputs = self.fake.inputs_of(self.index)
+            inputs = self.fake.make_inputs(self.index)
             t_s = START_S + self.index
             inputs = msgspec.structs.replace(inputs, tick=msgspec.structs.replace(inputs.tick, t_s=t_s), requests=())
             previous, (self.state, output) = self.state, self.fake.step(self.state, inputs)

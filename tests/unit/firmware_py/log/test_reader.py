@@ -23,7 +23,7 @@ def log_of_tick(body, *types):
 
 def test_a_whole_log(tmp_path, fake):
     ticks, reading = read(fake.write_log(tmp_path))
-    assert [tick.inputs for tick in ticks] == [fake.inputs_of(index) for index in range(6)]
+    assert [tick.inputs for tick in ticks] == [fake.make_inputs(index) for index in range(6)]
     assert (reading.software, reading.ticks, reading.damaged) == ("Rambler test", 6, 0)
     assert reading.garbage_bytes == reading.tail_bytes == 0
     assert list(read_log(tmp_path / "00000001.BIN")) == ticks
@@ -93,7 +93,7 @@ def test_an_end_without_its_tick_is_damage(tmp_path, fake):
 
 
 def test_a_tick_without_a_command_is_damage(fake):
-    inputs = fake.inputs_of(5)
+    inputs = fake.make_inputs(5)
     ticks, reading = read(log_of_tick(schema.TICK.pack(1.0, inputs.tick) + schema.encode_inputs(inputs)))
     assert (ticks, reading.damaged) == ([], 1)
 
@@ -114,7 +114,7 @@ NEW_REQUEST = '{"version":2,"t_s":1.0,"intent":{"type":"Fly","height_m":3.0},"sy
     ids=["message", "request"],
 )
 def test_unknown_records_are_skipped_and_noted(fake, added, note):
-    inputs, output = fake.inputs_of(1), fake.step(fake.State(), fake.inputs_of(1))[1]
+    inputs, output = fake.make_inputs(1), fake.step(fake.State(), fake.make_inputs(1))[1]
     body = schema.TICK.pack(1.0, inputs.tick) + added(inputs.requests[0])
     body += schema.encode_inputs(inputs) + schema.encode_output(output)
     ticks, reading = read(log_of_tick(body, NEW_TYPE))
@@ -151,5 +151,5 @@ def test_empty_and_missing_files(tmp_path):
 def test_reading_can_be_stopped(tmp_path, fake):
     fake.write_log(tmp_path)
     ticks = read_log(tmp_path / "00000001.BIN")
-    assert next(ticks).inputs == fake.inputs_of(0)
+    assert next(ticks).inputs == fake.make_inputs(0)
     ticks.close()

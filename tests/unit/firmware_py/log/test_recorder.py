@@ -43,7 +43,7 @@ def test_pymavlink_reads_the_messages_with_values_and_units(tmp_path, fake, capf
     assert (output.out, output.err) == ("", "")  # it prints errors
 
     heading = next(message for message in messages if message.get_type() == "HDG")
-    assert (heading.T, heading.Hdg, heading.Var, heading.Roll) == (fake.inputs_of(0).headings[0].t_s, 1.0, -0.1, 0.02)
+    assert (heading.T, heading.Hdg, heading.Var, heading.Roll) == (fake.make_inputs(0).headings[0].t_s, 1.0, -0.1, 0.02)
     assert heading.YawR != heading.YawR
     units = {"TimeUS": "µs", "I": "instance", "Hdg": "rad", "YawR": "rad/s", "Temp": "degC", "Ref": ""}
     assert {label: heading.fmt.get_unit(label) for label in units} == units
@@ -83,7 +83,7 @@ def test_held_ticks_are_written_as_the_same_bytes_and_none_is_lost_at_the_end(tm
             recorder.writer.drain()
             counts.append(recorder.health(0.0).accepted)
 
-        fake.run_ticks(recorder, range(4, 17), after=count, rate_hz=10.0)
+        fake.run_ticks(recorder, range(4, 17), after_tick=count, rate_hz=10.0)
         recorder.close()
         results[name] = counts, (tmp_path / name / "00000001.BIN").read_bytes()
     assert results["at once"][0] == list(range(1, 14))
@@ -96,7 +96,7 @@ def test_a_tick_with_a_request_or_an_event_is_not_held_nor_are_those_before(tmp_
     recorder = fake.make_recorder(tmp_path)
     accepted = []
     # Tick 1 has requests and an event, tick 3 a request.
-    fake.run_ticks(recorder, range(5), after=lambda: accepted.append(recorder.health(0.0).accepted), rate_hz=50.0)
+    fake.run_ticks(recorder, range(5), after_tick=lambda: accepted.append(recorder.health(0.0).accepted), rate_hz=50.0)
     assert accepted == [0, 2, 2, 4, 4]
     recorder.close()
     assert len(read_ticks(tmp_path)) == 5
@@ -113,7 +113,7 @@ def test_ticks_are_held_for_at_most_half_a_second(tmp_path, fake, rate_hz, max_h
 
 def test_files_change_between_ticks_and_the_oldest_is_removed(tmp_path, fake):
     recorder = fake.make_recorder(tmp_path, file_bytes=12_000, max_total_bytes=50_000)
-    _, run = fake.run_ticks(recorder, range(100), after=recorder.writer.drain)
+    _, run = fake.run_ticks(recorder, range(100), after_tick=recorder.writer.drain)
     recorder.close()
     numbers = sorted(log_files(tmp_path))
     assert numbers[0] > 1
@@ -129,7 +129,7 @@ def test_files_change_between_ticks_and_the_oldest_is_removed(tmp_path, fake):
 
 def test_a_file_is_at_most_half_of_the_total(tmp_path, fake):
     recorder = fake.make_recorder(tmp_path, file_bytes=1 << 30, max_total_bytes=24_000)
-    fake.run_ticks(recorder, range(60), after=recorder.writer.drain)
+    fake.run_ticks(recorder, range(60), after_tick=recorder.writer.drain)
     recorder.close()
     assert len(log_files(tmp_path)) in (1, 2)
     assert total_bytes(tmp_path) <= 24_000 + 4_000
@@ -186,14 +186,14 @@ def test_after_a_full_disk_a_new_file_starts_with_a_checkpoint(tmp_path, fake):
 
     disk = FullDisk()
     recorder = fake.make_recorder(tmp_path, disk=disk)
-    state, _ = fake.run_ticks(recorder, range(3), after=recorder.writer.drain)
+    state, _ = fake.run_ticks(recorder, range(3), after_tick=recorder.writer.drain)
     assert recorder.health(0.3).state is DeviceState.RUNNING
     disk.is_full = True
-    state, _ = fake.run_ticks(recorder, range(3, 6), state, after=recorder.writer.drain)
+    state, _ = fake.run_ticks(recorder, range(3, 6), state, after_tick=recorder.writer.drain)
     health = recorder.health(0.6)
     assert (health.state, health.rejected, health.text) == (DeviceState.FAULTY, 3, "log: No space left on device")
     disk.is_full = False
-    fake.run_ticks(recorder, range(6, 9), state, after=recorder.writer.drain)
+    fake.run_ticks(recorder, range(6, 9), state, after_tick=recorder.writer.drain)
     assert recorder.health(0.9).state is DeviceState.RUNNING
     recorder.close()
     files = [list(LogReader(path)) for path in sorted(tmp_path.glob("*.BIN"))]
@@ -204,11 +204,11 @@ def test_after_a_full_disk_a_new_file_starts_with_a_checkpoint(tmp_path, fake):
 def test_a_removed_directory_is_created_again(tmp_path, fake):
     directory = tmp_path / "logs"
     recorder = fake.make_recorder(directory)
-    state, _ = fake.run_ticks(recorder, range(2), after=recorder.writer.drain)
+    state, _ = fake.run_ticks(recorder, range(2), after_tick=recorder.writer.drain)
     shutil.rmtree(directory)
-    state, _ = fake.run_ticks(recorder, range(2, 3), state, after=recorder.writer.drain)
+    state, _ = fake.run_ticks(recorder, range(2, 3), state, after_tick=recorder.writer.drain)
     assert recorder.health(1.0).state is DeviceState.FAULTY
-    fake.run_ticks(recorder, range(3, 5), state, after=recorder.writer.drain)
+    fake.run_ticks(recorder, range(3, 5), state, after_tick=recorder.writer.drain)
     recorder.close()
     assert recorder.health(2.0).state is DeviceState.RUNNING
     assert indexes_of(read_ticks(directory)) == [3, 4]
@@ -218,7 +218,7 @@ def test_an_unwritable_directory_is_a_fault_and_no_exception(tmp_path, fake):
     (tmp_path / "file").write_text("not a directory")
     recorder = fake.make_recorder(tmp_path / "file")
     assert recorder.health(0.0).state is DeviceState.STARTING
-    fake.run_ticks(recorder, range(3), after=recorder.writer.drain)
+    fake.run_ticks(recorder, range(3), after_tick=recorder.writer.drain)
     recorder.close()
     health = recorder.health(1.0)
     assert (health.state, health.accepted, health.rejected) == (DeviceState.FAULTY, 0, 3)

@@ -24,7 +24,7 @@ def outputs(fake, times_s, **changes):
     """Yield ticks of the fake autopilot; `changes` are fields of the snapshot, constant or functions of time."""
     state = fake.State()
     for t_s in times_s:
-        inputs = fake.inputs_of(2)
+        inputs = fake.make_inputs(2)
         inputs = msgspec.structs.replace(inputs, tick=msgspec.structs.replace(inputs.tick, t_s=t_s), devices=())
         state, output = fake.step(state, inputs)
         values = {name: value(t_s) if callable(value) else value for name, value in changes.items()}

@@ -1,4 +1,4 @@
-"""Text files of plans: reading, and refusals with the line."""
+"""Text files of plans: waypoints, fence and rally points; errors with the line number."""
 
 import math
 
@@ -9,23 +9,29 @@ from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.text_files import read_text
 
 HOME_LINE = "0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
-WPL = "QGC WPL 110\n" + HOME_LINE
+WPL_HEADER = "QGC WPL 110\n" + HOME_LINE
 
 
-def wpl(*lines):
-    return WPL + "".join(f"{index}\t0\t{line}\t1\n" for index, line in enumerate(lines, start=1))
+def wpl_text(*lines):
+    """Return a waypoint file with these lines, given without index, current and autocontinue."""
+    return WPL_HEADER + "".join(f"{index}\t0\t{line}\t1\n" for index, line in enumerate(lines, start=1))
 
 
 def test_waypoints_are_read_with_and_without_home():
-    plan = read_text(wpl("3\t16\t0\t5.5\t0\tnan\t36.1234567\t121.1\t0", "2\t177\t1\t-1\t0\t0\t0\t0\t0"), "a.waypoints")
+    plan = read_text(
+        wpl_text("3\t16\t0\t5.5\t0\tnan\t36.1234567\t121.1\t0", "2\t177\t1\t-1\t0\t0\t0\t0\t0"), "a.waypoints"
+    )
     assert repr(plan.items) == repr(
         (
             PlanItem(16, 3, True, (0.0, 5.5, 0.0, math.nan), 361_234_567, 1_211_000_000, 0.0),
             PlanItem(177, 2, True, (0.0, -1.0, 0.0, 0.0)),
         )
     )
-    with_home = read_text(WPL, "a.waypoints", home=False)
+    with_home = read_text(WPL_HEADER, "a.waypoints", home=False)
     assert [(item.x, item.z) for item in with_home.items] == [(360_000_000, 5.0)]
+
+
+def test_file_without_items_is_rejected():
     with pytest.raises(PlanFileError, match="a: no items, so that the kind of plan is unknown"):
         read_text("# by hand\n\nQGC WPL 110\n", "a")
 
@@ -35,15 +41,15 @@ def test_waypoints_are_read_with_and_without_home():
     [
         ("", "a: not a supported plan file"),
         ("QGC WPL 100\n", "a: not a supported plan file"),
-        (WPL + "1\t0\t3\n", "a:3: 3 columns instead of 12"),
-        (WPL + "2\t0\t3\t16\t0\t0\t0\t0\t0\t0\t0\t1\n", "a:3: item '2' instead of 1"),
-        (wpl("3\t16\tx\t0\t0\t0\t0\t0\t0"), "a:3: 'x' is not a number"),
-        (wpl("3\t16\t1_0\t0\t0\t0\t0\t0\t0"), "a:3: '1_0' is not a number"),
-        (wpl("3\t16\t0\t0\t0\t0\tnan\t0\t0"), "a:3: latitude nan is not within"),
-        (wpl("3\t16\t0\t0\t0\t0\t0\t181\t0"), "a:3: longitude 181 is not within"),
-        (wpl("256\t16\t0\t0\t0\t0\t0\t0\t0"), "a:3: '256' is not a whole number"),
-        (wpl("3\t16.5\t0\t0\t0\t0\t0\t0\t0"), "a:3: '16.5' is not a whole number"),
-        (wpl("3\t16\t1e300\t0\t0\t0\t0\t0\t0"), "a:3: param1 is too large"),
+        (WPL_HEADER + "1\t0\t3\n", "a:3: 3 columns instead of 12"),
+        (WPL_HEADER + "2\t0\t3\t16\t0\t0\t0\t0\t0\t0\t0\t1\n", "a:3: item '2' instead of 1"),
+        (wpl_text("3\t16\tx\t0\t0\t0\t0\t0\t0"), "a:3: 'x' is not a number"),
+        (wpl_text("3\t16\t1_0\t0\t0\t0\t0\t0\t0"), "a:3: '1_0' is not a number"),
+        (wpl_text("3\t16\t0\t0\t0\t0\tnan\t0\t0"), "a:3: latitude nan is not within"),
+        (wpl_text("3\t16\t0\t0\t0\t0\t0\t181\t0"), "a:3: longitude 181 is not within"),
+        (wpl_text("256\t16\t0\t0\t0\t0\t0\t0\t0"), "a:3: '256' is not a whole number"),
+        (wpl_text("3\t16.5\t0\t0\t0\t0\t0\t0\t0"), "a:3: '16.5' is not a whole number"),
+        (wpl_text("3\t16\t1e300\t0\t0\t0\t0\t0\t0"), "a:3: param1 is too large"),
         ("RALLY 1 2 3\n", "a:1: expected RALLY"),
         ("RALLY 1 2 3 4 5 6\n7 8\n", "a:2: expected RALLY"),
         ("1 2\n1 2\n", "a: a fence needs its return point"),
@@ -52,7 +58,7 @@ def test_waypoints_are_read_with_and_without_home():
         ("1 2\n1 2 3\n", "a:2: expected LATITUDE LONGITUDE"),
     ],
 )
-def test_invalid_text_file_is_refused_with_its_line(text, error):
-    with pytest.raises(PlanFileError) as refusal:
+def test_invalid_text_file_is_rejected_with_the_line_number(text, error):
+    with pytest.raises(PlanFileError) as rejection:
         read_text(text, "a")
-    assert str(refusal.value).startswith(error)
+    assert str(rejection.value).startswith(error)

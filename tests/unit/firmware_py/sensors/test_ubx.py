@@ -1,4 +1,4 @@
-"""u-blox driver: packets, NAV-PVT solutions, invalid data, and a recording."""
+"""u-blox driver: packets, NAV-PVT solutions, invalid data, a recording."""
 
 import datetime as dt
 import itertools
@@ -17,14 +17,14 @@ def receiver(line):
     return UbxPosition(line)
 
 
-def test_packet_of_the_receiver_description(ubx):
+def test_poll_packet_of_the_protocol_description_is_decoded(ubx):
     poll = bytes.fromhex("b562010700000819")
     assert ubx(0x0107, b"") == poll
     (packet,) = ubx_protocol.create_framer().feed(poll)
     assert (packet.fault, ubx_protocol.message_id(packet.data), ubx_protocol.payload(packet.data)) == ("", 0x0107, b"")
 
 
-def test_nav_pvt_has_at_least_the_size_of_u_blox_7(solution):
+def test_nav_pvt_of_84_bytes_is_accepted_and_a_shorter_one_rejected(solution):
     payload = ubx_protocol.payload(solution())
     assert ubx_protocol.parse_nav_pvt(payload[:84]) == ubx_protocol.parse_nav_pvt(payload)
     with pytest.raises(MessageError) as rejected:
@@ -32,7 +32,7 @@ def test_nav_pvt_has_at_least_the_size_of_u_blox_7(solution):
     assert rejected.value.error == MALFORMED
 
 
-def test_sample_of_a_solution(deliver, receiver, solution, near):
+def test_solution_is_converted_to_a_sample(deliver, receiver, solution, near):
     (sample,) = deliver(receiver, solution(), now_s=2.5)
     assert near(sample.latitude_rad, -34.9062263)
     assert near(sample.longitude_rad, 138.6081197)
@@ -43,15 +43,16 @@ def test_sample_of_a_solution(deliver, receiver, solution, near):
 
 
 @pytest.mark.parametrize(
-    ("fix_type", "flags", "fix"),
+    # Flags: 1 valid fix, 2 differential correction, 0x40 carrier phase float, 0x80 carrier phase fixed, 0xC0 undefined.
+    ("fix_type", "flags", "expected_fix"),
     [(0, 0, 1), (0, 1, 1), (1, 1, 1), (2, 1, 2), (3, 1, 3), (4, 1, 3), (5, 1, 1), (9, 1, 1), (3, 0, 1), (3, 3, 4),
      (3, 0x43, 5), (3, 0x83, 6), (3, 0xC1, 3)],
 )  # fmt: skip
-def test_fix_type(deliver, solution, fix_type, flags, fix, receiver):
+def test_fix_type_and_flags_determine_the_fix(deliver, solution, fix_type, flags, expected_fix, receiver):
     (sample,) = deliver(receiver, solution(fix_type=fix_type, flags=flags))
-    assert sample.fix == fix
-    assert (sample.latitude_rad is None) == (fix == FixType.NONE)
-    assert receiver.health(1.0).text == ("no fix" if fix == FixType.NONE else "")
+    assert sample.fix == expected_fix
+    assert (sample.latitude_rad is None) == (expected_fix == FixType.NONE)
+    assert receiver.health(1.0).text == ("no fix" if expected_fix == FixType.NONE else "")
 
 
 @pytest.mark.parametrize(
@@ -98,15 +99,15 @@ def test_receiver_without_nav_pvt_is_reported(deliver, ubx, kind, receiver):
     assert receiver.health(1.0).text == "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
-def test_other_messages_are_ignored_and_short_ones_rejected(deliver, solution, ubx, receiver):
-    text = b"$GPTXT,hello*00\r\n"
-    assert len(deliver(receiver, text, ubx(0x0120, bytes(16)), solution(), text, solution())) == 2
+def test_other_messages_are_ignored_and_short_nav_pvt_rejected(deliver, solution, ubx, receiver):
+    nmea_text = b"$GPTXT,hello*00\r\n"
+    assert len(deliver(receiver, nmea_text, ubx(0x0120, bytes(16)), solution(), nmea_text, solution())) == 2
     assert receiver.health(1.0).rejected == 0
     assert deliver(receiver, ubx(0x0107, bytes(80))) == ()
     assert receiver.health(1.0).text == "NAV-PVT of 80 bytes"
 
 
-def test_packets_with_one_wrong_bit_are_rejected_and_the_next_ones_decoded(deliver, solution, receiver):
+def test_packet_with_one_wrong_bit_is_rejected_and_the_next_packet_decoded(deliver, solution, receiver):
     packet = solution()
     samples = deliver(receiver, packet)
     for bit in range(8 * len(packet)):
@@ -115,7 +116,7 @@ def test_packets_with_one_wrong_bit_are_rejected_and_the_next_ones_decoded(deliv
         assert deliver(receiver, bytes(damaged), packet) == samples, bit
 
 
-def test_recording(deliver, recordings, receiver):
+def test_recording_of_a_neo_m8n_is_decoded_completely(deliver, recordings, receiver):
     data = (recordings / "ubx" / "gpsd_ublox-neo-m8n.log").read_bytes()
     samples = [*deliver(receiver, data), *deliver(receiver)]
     assert len(samples) == data.count(b"\xb5\x62\x01\x07\x5c\x00") == 24

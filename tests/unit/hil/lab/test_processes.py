@@ -10,7 +10,7 @@ from hil.lab.processes import processes
 
 def test_aborted_pool_leaves_no_thread():
     """A remaining thread could print "Bad file descriptor" at the exit of the interpreter."""
-    before = set(threading.enumerate())
+    threads_before = set(threading.enumerate())
 
     def abort():
         with processes(1) as pool:
@@ -19,4 +19,4 @@ def test_aborted_pool_leaves_no_thread():
 
     with pytest.raises(KeyboardInterrupt):
         abort()
-    assert set(threading.enumerate()) == before
+    assert set(threading.enumerate()) == threads_before
