@@ -53,11 +53,11 @@ MUTATIONS = (
     ("faults/table.py", "TEMPERATURE_MARGIN_C: Final = 5.0", "TEMPERATURE_MARGIN_C: Final = 0.0", "servo hot"),
     (
         "guidance/task_follower.py",
-        "HeadingTarget(status.course_rad, over",
-        "HeadingTarget(-status.course_rad, over",
+        "HeadingTarget(line_status.course_rad, over",
+        "HeadingTarget(-line_status.course_rad, over",
         "outside the fence",
     ),
-    ("loop.py", "    amidships = 0\n", "    amidships = MIN_SAFE_READINGS\n", "ended and started"),
+    ("loop.py", "    centred_readings = 0\n", "    centred_readings = MIN_SAFE_READINGS\n", "ended and started"),
     ("estimate/sources.py", "if is_usable(b,", "if False and is_usable(b,", "first of two compasses"),
     ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
@@ -66,8 +66,9 @@ MUTATIONS = (
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if False else", "another failsafe"),
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
     ("estimate/sources.py", "PLATEAU_TIME_S: Final = 2.0", "PLATEAU_TIME_S: Final = 2e3", "turned by a breaking wave"),
-    ("core/estimate_step.py", "position.predict(replace(place, dead_reckoning=advanced), now_s, over_ground_m_s)",
-     "replace(place, dead_reckoning=advanced)", "position lost on a mission"),
+    ("core/estimate_step.py",
+     "position.predict(replace(position_state, dead_reckoning=advanced), now_s, over_ground_m_s)",
+     "replace(position_state, dead_reckoning=advanced)", "position lost on a mission"),
 )  # fmt: skip
 
 
