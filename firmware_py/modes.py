@@ -105,7 +105,7 @@ _CONDITIONS: Mapping[Need, Callable[[Situation], bool]] = {
 }
 
 
-def obstacle_to(mode: Mode, situation: Situation) -> str:
+def mode_refusal(mode: Mode, situation: Situation) -> str:
     """Return the reason why a mode cannot be entered, empty if it can."""
     return next((_MISSING_TEXTS[need] for need in MODES[mode].needs if not _CONDITIONS[need](situation)), "")
 
@@ -114,8 +114,8 @@ def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState
     """Enter a mode, or refuse it and keep the present one."""
     if mode is state.mode:
         return state, ACCEPTED
-    if obstacle := obstacle_to(mode, situation):
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
+    if refusal := mode_refusal(mode, situation):
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {refusal}")
     if MODES[mode].heading_goals and situation.heading_rad is not None:
         # Keep the present heading: an old goal must not turn the boat unexpectedly.
         return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
@@ -131,7 +131,7 @@ def _set_mode(state: ModeState, intent: SetMode, situation: Situation, _t_s: flo
     return enter(state, mode, situation)
 
 
-def arming_obstacle(situation: Situation) -> str:
+def arming_refusal(situation: Situation) -> str:
     """Return the reason why arming is refused, empty if it is possible."""
     if situation.heading_rad is None:
         return "no valid heading"
@@ -143,9 +143,9 @@ def arming_obstacle(situation: Situation) -> str:
 
 
 def _set_armed(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
-    obstacle = arming_obstacle(situation)
-    if intent.armed and not intent.force and not state.armed and obstacle:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
+    refusal = arming_refusal(situation)
+    if intent.armed and not intent.force and not state.armed and refusal:
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {refusal}")
     return replace(state, armed=intent.armed, bench=None if intent.armed else state.bench), ACCEPTED
 
 

@@ -11,20 +11,25 @@ from firmware_py.devices import CAPTURE_FORMATS, decode
 from firmware_py.files.reading import read_regular
 from firmware_py.sensors.decode import format_text
 
-MAX_BYTES = 256 << 20  # compass data of several days
+MAX_CAPTURE_BYTES = 256 << 20  # compass data of several days
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("kind", metavar="KIND", choices=CAPTURE_FORMATS, help=" | ".join(CAPTURE_FORMATS))
+    parser.add_argument(
+        "kind", metavar="KIND", choices=CAPTURE_FORMATS, help=f"format of the capture: {' | '.join(CAPTURE_FORMATS)}"
+    )
     parser.add_argument("file", metavar="FILE", type=Path, help="recorded bytes of the device")
     parser.add_argument("--json", action="store_true", help="print one JSON object per line")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line for each message or error of the capture."""
+    """Print one line for each message or error of the capture.
+
+    A capture without messages is no failure: it gives a note on standard error and exit code 0.
+    """
     try:
-        data = read_regular(arguments.file, MAX_BYTES)
+        data = read_regular(arguments.file, MAX_CAPTURE_BYTES)
     except OSError as error:
         return print_error("decode", f"{arguments.file}: cannot be read: {error.strerror}")
     count = 0

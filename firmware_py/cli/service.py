@@ -10,9 +10,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py.install.service_files import NAME, PAGE_NAME, STATE, Page, Service, service_files
-from firmware_py.install.steps import InstallError, check, install, is_root, remove
-from firmware_py.install.steps import run as run_program
+from firmware_py.install.service_files import PAGE_SERVICE_NAME, SERVICE_NAME, STATE, Page, Service, service_files
+from firmware_py.install.steps import InstallError, check_service, install, is_root, remove, run_program
 from firmware_py.vehicle import VehicleError, load
 from firmware_py.view.guard import DEFAULT_LISTEN, ViewError, parse_listen_address
 
@@ -86,9 +85,9 @@ def _install(arguments: argparse.Namespace) -> int:
     _check_root(arguments.root)
     load(arguments.root / str(arguments.vehicle).lstrip("/") if arguments.root != Path("/") else arguments.vehicle)
     service = _make_service(arguments)
-    check(service, arguments.root)
+    check_service(service, arguments.root)
     install(service, arguments.root, print)
-    names = NAME if service.page is None else f"{NAME} {PAGE_NAME}"
+    names = SERVICE_NAME if service.page is None else f"{SERVICE_NAME} {PAGE_SERVICE_NAME}"
     print(f"enabled: starts with the computer; to start it now: systemctl start {names}")
     return 0
 
@@ -100,7 +99,7 @@ def _remove(arguments: argparse.Namespace) -> int:
 
 
 def _print_status(arguments: argparse.Namespace) -> int:
-    text = run_program(["systemctl", "show", NAME, "--property", ",".join(_PROPERTIES)])
+    text = run_program(["systemctl", "show", SERVICE_NAME, "--property", ",".join(_PROPERTIES)])
     values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
     status = {key: values.get(name, "") for name, key in _PROPERTIES.items()}
     if arguments.json:
@@ -137,7 +136,7 @@ def _make_page(arguments: argparse.Namespace) -> Page | None:
 def _find_program() -> tuple[str, ...]:
     """Return the command that runs this program. Links are not resolved, since an update changes them."""
     script = shutil.which(sys.argv[0])
-    if script is not None and Path(script).name == NAME:
+    if script is not None and Path(script).name == SERVICE_NAME:
         return (os.path.abspath(script),)  # noqa: PTH100 - resolve() would follow links
     return (sys.executable, "-m", "firmware_py")
 

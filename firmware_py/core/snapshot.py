@@ -9,7 +9,7 @@ from firmware_py.core.vessels_step import report as traffic_report
 from firmware_py.estimate import dead_reckoning, heading_estimator, position
 from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.steering import SteeringTarget
-from firmware_py.modes import Situation, arming_obstacle
+from firmware_py.modes import Situation, arming_refusal
 from firmware_py.safety import energy_meter, power_monitor, power_saving
 
 
@@ -21,9 +21,12 @@ def snapshot_of(
     target: SteeringTarget,
     inputs: Inputs,
 ) -> Snapshot:
-    """Return the snapshot of a finished tick."""
+    """Collect the states at the end of a tick.
+
+    The situation is the one that decided the mode of this tick; the rudder status is from before the new command.
+    """
     heading, has_heading = state.heading_estimator.heading, situation.heading_rad is not None
-    task = state.guidance.status
+    guidance_status = state.guidance.status
     return Snapshot(
         t_s=inputs.tick.t_s,
         tick=inputs.tick.index,
@@ -36,8 +39,8 @@ def snapshot_of(
         pitch_rad=heading.pitch_rad,
         goal_heading_rad=target.heading_rad,
         heading_error_rad=target.error_rad,
-        bearing_rad=task.bearing_rad,
-        distance_m=task.distance_m,
+        bearing_rad=guidance_status.bearing_rad,
+        distance_m=guidance_status.distance_m,
         rudder_rad=rudder.angle_rad if rudder.measured else None,
         rudder_command_rad=state.rudder.command_rad,
         rudder_ok=situation.rudder_ok,
@@ -49,7 +52,7 @@ def snapshot_of(
         skipped_total=state.timing.skipped_total,
         late_s=inputs.tick.late_s,
         home=state.home,
-        prearm_refusal=arming_obstacle(situation),
+        prearm_refusal=arming_refusal(situation),
         mission=guidance_reports.mission_report(state.guidance, state.plans, state.modes, first_item(state)),
         water=situation.water,
         navigation=guidance_reports.navigation_report(
@@ -69,11 +72,17 @@ def snapshot_of(
 
 
 def _dead_reckoning_position(state: State, sd_m: float) -> DeadReckoningPosition | None:
-    place = state.position
-    if place.dead_reckoning is None:
+    position_state = state.position
+    if position_state.dead_reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
-    _, (north_m_s, east_m_s) = dead_reckoning.advance(place.dead_reckoning, heading, 0.0, is_under_way=True)
+    # A step of 0 s: only the velocity is needed.
+    _, (north_m_s, east_m_s) = dead_reckoning.advance(position_state.dead_reckoning, heading, 0.0, is_under_way=True)
     return DeadReckoningPosition(
-        place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.time_since_fix_s(place)
+        position_state.latitude_rad,
+        position_state.longitude_rad,
+        north_m_s,
+        east_m_s,
+        sd_m,
+        position.time_since_fix_s(position_state),
     )

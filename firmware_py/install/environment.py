@@ -17,11 +17,11 @@ import msgspec
 
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import LIST, LOCK, Bundle, UpdateError, read_list
-from firmware_py.install.service_files import NAME
+from firmware_py.install.service_files import SERVICE_NAME
 from firmware_py.system.status_file import TRIAL_DIRECTORY
 
 _CONFIG = "pyvenv.cfg"
-_CREATED_NAME = re.compile(rf"{NAME}-\d.*-[0-9a-f]{{8}}")  # names from new_environment
+_CREATED_NAME = re.compile(rf"{SERVICE_NAME}-\d.*-[0-9a-f]{{8}}")  # names from new_environment
 _RESERVE_BYTES = 50_000_000  # for the autopilot, which may use the same disk
 _COMPILED_FACTOR = 1.6  # by which compiled modules increase the size
 _TIMEOUT_S = 1200.0
@@ -36,7 +36,7 @@ class Environment(msgspec.Struct, frozen=True):
     @property
     def program(self) -> Path:
         """Return the path of the autopilot."""
-        return self.path / "bin" / NAME
+        return self.path / "bin" / SERVICE_NAME
 
     @property
     def python(self) -> Path:
@@ -70,7 +70,7 @@ def read_environment(program: Path) -> Environment:
 
 def new_environment(environment: Environment, bundle: Bundle) -> Environment:
     """Return the environment for a bundle, in the same directory as the given one."""
-    return Environment(environment.path.with_name(f"{NAME}-{bundle.version}-{bundle.digest[:8]}"))
+    return Environment(environment.path.with_name(f"{SERVICE_NAME}-{bundle.version}-{bundle.digest[:8]}"))
 
 
 def create_work_directory(environment: Environment) -> Path:

@@ -9,8 +9,8 @@ import msgspec
 from firmware_py import ROOT
 from firmware_py.install.program_link import STARTS
 
-NAME = "rambler"
-PAGE_NAME = "rambler-view"  # the service of the live page
+SERVICE_NAME = "rambler"  # also the name of its user and of its program
+PAGE_SERVICE_NAME = "rambler-view"  # of the live page
 STATE = Path("/var/lib/rambler")
 UNIT = Path("/etc/systemd/system/rambler.service")
 PAGE_UNIT = Path("/etc/systemd/system/rambler-view.service")

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from firmware_py.install.service_files import (
-    NAME,
-    PAGE_NAME,
+    PAGE_SERVICE_NAME,
     PAGE_UNIT,
+    SERVICE_NAME,
     STATE,
     Service,
     ServiceFile,
@@ -21,26 +21,28 @@ from firmware_py.install.service_files import (
     service_files,
 )
 
-_MODE = 0o644
+_FILE_MODE = 0o644
 _SYSTEMD_RUNTIME = Path("/run/systemd/system")  # exists if systemd runs: sd_booted(3)
-_FIRST_ROOT = Path("/proc/1/root")
+_INIT_ROOT = Path("/proc/1/root")  # the root directory of process 1, which is outside of any chroot
 _SYSTEMD_PROGRAMS = (Path("/usr/lib/systemd/systemd"), Path("/lib/systemd/systemd"))
-_TIMEOUT_S = 120.0
-Report = Callable[[str], None]
+_PROGRAM_TIMEOUT_S = 120.0
+Report = Callable[[str], None]  # prints a line for the operator
 
 
 class InstallError(RuntimeError):
     """The service cannot be installed or removed; the text names the reason and the remedy."""
 
 
-def check(service: Service, root: Path) -> None:
+def check_service(service: Service, root: Path) -> None:
     """Raise InstallError if the service cannot be installed or cannot start on this computer."""
     _check_systemd(root)
     for subject, path in (("vehicle file", service.vehicle), ("program", Path(service.program[0]))):
         if is_hidden(path):
             raise InstallError(f"{subject} {path}: not visible to a service; move it to /etc or /opt")
         if root == Path("/") and (unreadable := _find_unreadable_part(path)) is not None:
-            raise InstallError(f"{subject} {path}: user {NAME} cannot read {unreadable}; chmod o+rX {unreadable}")
+            raise InstallError(
+                f"{subject} {path}: user {SERVICE_NAME} cannot read {unreadable}; chmod o+rX {unreadable}"
+            )
     token = None if service.page is None else service.page.token
     if token is not None and not _path_in_root(root, token).is_file():
         raise InstallError(f"token file {token}: does not exist; create it: openssl rand -hex 16")
@@ -54,7 +56,7 @@ def _check_systemd(root: Path) -> None:
         if not (_SYSTEMD_RUNTIME.is_dir() or _in_chroot()):
             raise InstallError("systemd does not run here, but the service needs it; for a system image use --root")
     elif not any(_path_in_root(root, path).exists() for path in _SYSTEMD_PROGRAMS):
-        raise InstallError(f"--root {root}: no systemd found, which the service needs")
+        raise InstallError(f"--root {root}: no systemd found; the service needs it")
     for name in ("systemctl", "systemd-sysusers", *(["systemd-tmpfiles"] if root == Path("/") else [])):
         if shutil.which(name) is None:
             raise InstallError(f"{name} not found; the service needs systemd")
@@ -63,25 +65,26 @@ def _check_systemd(root: Path) -> None:
 def _in_chroot() -> bool:
     """Return whether this process runs in a chroot, where no service is started."""
     try:
-        return not _FIRST_ROOT.samefile("/")
-    except OSError:
+        return not _INIT_ROOT.samefile("/")
+    except OSError:  # a chroot may have no /proc
         return True
 
 
 def install(service: Service, root: Path, report: Report) -> None:
-    """Write the files and enable the service, which starts with the next boot."""
+    """Write the files and enable the service; it starts at the next boot."""
     for file in service_files(service):
         report(_write(file, root))
     if root == Path("/"):
-        run(["systemd-sysusers"])
-        run(["systemd-tmpfiles", "--create", str(Path("/etc/tmpfiles.d/rambler.conf"))])
-        run(["systemctl", "daemon-reload"])
+        run_program(["systemd-sysusers"])
+        run_program(["systemd-tmpfiles", "--create", str(Path("/etc/tmpfiles.d/rambler.conf"))])
+        run_program(["systemctl", "daemon-reload"])
         if shutil.which("udevadm") and Path("/run/udev/control").exists():
-            run(["udevadm", "control", "--reload"])
-            run(["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"])
+            run_program(["udevadm", "control", "--reload"])
+            run_program(["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"])
     else:
-        run(["systemd-sysusers", f"--root={root}"])
-    run([*_systemctl(root), "--quiet", "enable", NAME, *([] if service.page is None else [PAGE_NAME])])
+        run_program(["systemd-sysusers", f"--root={root}"])
+    services = [SERVICE_NAME] if service.page is None else [SERVICE_NAME, PAGE_SERVICE_NAME]
+    run_program([*_systemctl(root), "--quiet", "enable", *services])
 
 
 def remove(root: Path, report: Report) -> None:
@@ -90,21 +93,22 @@ def remove(root: Path, report: Report) -> None:
     if not existing:
         report("the service is not installed")
         return
-    stop = [] if root != Path("/") else ["--now"]
-    run([*_systemctl(root), "--quiet", "disable", *stop, NAME, *([PAGE_NAME] if PAGE_UNIT in existing else [])])
+    stop_options = [] if root != Path("/") else ["--now"]
+    services = [SERVICE_NAME, PAGE_SERVICE_NAME] if PAGE_UNIT in existing else [SERVICE_NAME]
+    run_program([*_systemctl(root), "--quiet", "disable", *stop_options, *services])
     for path in existing:
         _path_in_root(root, path).unlink()
         report(f"removed {path}")
     if root == Path("/"):
-        run(["systemctl", "daemon-reload"])
-    report(f"kept: {STATE}, user {NAME}, the vehicle file")
+        run_program(["systemctl", "daemon-reload"])
+    report(f"kept: {STATE}, user {SERVICE_NAME}, the vehicle file")
 
 
-def run(command: Sequence[str]) -> str:
+def run_program(command: Sequence[str]) -> str:
     """Run a system program and return its output; raise InstallError with its last line if it fails."""
     try:
         process = subprocess.run(  # noqa: S603 - fixed arguments
-            command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False, errors="replace"
+            command, capture_output=True, text=True, timeout=_PROGRAM_TIMEOUT_S, check=False, errors="replace"
         )
     except FileNotFoundError:
         raise InstallError(f"{command[0]} not found; the service needs systemd") from None
@@ -133,7 +137,7 @@ def _write(file: ServiceFile, root: Path) -> str:
             return f"unchanged {file.path}"
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
         temporary.write_text(file.text, encoding="utf-8")
-        temporary.chmod(_MODE)
+        temporary.chmod(_FILE_MODE)
         temporary.replace(path)
     except OSError as error:
         other_remedy = "make it writable" if root == Path("/") else "use another --root"

@@ -15,7 +15,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.model.kt import KtModel
-from firmware_py.modes import ModeState, Situation, enter, obstacle_to
+from firmware_py.modes import ModeState, Situation, enter, mode_refusal
 from firmware_py.safety import convergence, oscillation, rudder_monitor, steering_monitor
 from firmware_py.safety.convergence import ConvergenceState
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
@@ -137,7 +137,7 @@ def apply_failsafe(
         modes.armed,
         overruled,
         settings.failsafe_modes,
-        lambda mode: not obstacle_to(mode, situation),
+        lambda mode: not mode_refusal(mode, situation),
         settings.resume,
     )
     previous = state.failsafe
@@ -169,8 +169,8 @@ def _resume(modes: ModeState, interrupted: ModeState, situation: Situation) -> t
         return replace(modes, by_failsafe=interrupted.by_failsafe), (event,) if interrupted.by_failsafe else ()
     # The operator has to choose MANUAL again, because it is not known whether the stick is in use.
     is_manual = MODES[interrupted.mode].rudder_by is RudderBy.STICK
-    if obstacle := "no stick input" if is_manual else obstacle_to(interrupted.mode, situation):
-        text = f"Failsafe ended: {modes.mode.name} kept, {obstacle}"
+    if refusal := "no stick input" if is_manual else mode_refusal(interrupted.mode, situation):
+        text = f"Failsafe ended: {modes.mode.name} kept, {refusal}"
         return modes, (Event(Severity.NOTICE, text[:50]),)
     resumed = replace(modes, mode=interrupted.mode, goal=interrupted.goal, by_failsafe=interrupted.by_failsafe)
     return resumed, (Event(Severity.NOTICE, f"Failsafe ended: {interrupted.mode.name} resumed"),)

@@ -1,7 +1,7 @@
-"""Converts a data message of an MTi and checks its ranges.
+"""Reads the values of a data message of an Xsens MTi and checks their ranges.
 
-Sources: MT0101P (formats of the values, units), MT0605P, section 4.13 (status word) and its table of yaw by reference
-frame.
+Sources: MT0101P (formats of the values, units); MT0605P, section 4.13 (status word) and the table of yaw for each
+reference frame.
 
 Yaw is "the angle from a horizontal navigation axis to the projection of the longitudinal axis, right-handed about the
 vertical axis". In NED the first axis is north and the vertical one points down, so yaw is the heading, clockwise from
@@ -33,7 +33,7 @@ from firmware_py.sensors.mti_protocol import (
 
 _PRECISION_BITS, _FRAME_BITS = 0x3, 0xC
 _MAX_PITCH_DEG = 80.0  # near 90 degrees, heading and roll turn about the same axis
-_MAX_TURN_RAD_S = 40.0  # the largest range of a gyroscope is 2000 deg/s, 35 rad/s
+_MAX_RATE_OF_TURN_RAD_S = 40.0  # the largest range of a gyroscope is 2000 deg/s, 35 rad/s
 
 # Bits of the status word.
 _SELF_TEST_PASSED, _FILTER_VALID = 1 << 0, 1 << 1
@@ -48,7 +48,8 @@ _CLIPPING_BITS: Mapping[str, int] = {
 class Reading(msgspec.Struct, frozen=True):
     """The values of a data message; None for a value that it does not contain.
 
-    `frame` is None without Euler angles. Angles in other frames than NED are None.
+    `frame` is None without Euler angles. Angles and yaw rate are None unless the message contains Euler angles in NED.
+    The yaw rate is also None if a gyroscope is clipped or the device is nearly vertical.
     """
 
     frame: Frame | None
@@ -87,7 +88,7 @@ def read_data(data: bytes) -> Reading:
     """Return the values of an MT_DATA2, or raise MessageError."""
     frame: Frame | None = None
     euler_deg: tuple[float, ...] | None = None
-    turn_rad_s: tuple[float, ...] | None = None
+    rates_rad_s: tuple[float, ...] | None = None
     temperature_c: float | None = None
     status: int | None = None
     for identifier, value in parse_items(data).items():
@@ -95,9 +96,9 @@ def read_data(data: bytes) -> Reading:
         if kind == DataId.EULER_ANGLES:
             frame, euler_deg = _read_frame(identifier), _read_euler_deg(value, precision)
         elif kind == DataId.RATE_OF_TURN:
-            turn_rad_s = _unpack_numbers(value, precision, 3, "rate of turn")
-            for number in turn_rad_s:
-                check_range(number, -_MAX_TURN_RAD_S, _MAX_TURN_RAD_S, "rate of turn")
+            rates_rad_s = _unpack_numbers(value, precision, 3, "rate of turn")
+            for number in rates_rad_s:
+                check_range(number, -_MAX_RATE_OF_TURN_RAD_S, _MAX_RATE_OF_TURN_RAD_S, "rate of turn")
         elif kind == DataId.TEMPERATURE:
             temperature_c = check_range(
                 _unpack_numbers(value, precision, 1, "temperature")[0], -100.0, 150.0, "temperature"
@@ -109,10 +110,10 @@ def read_data(data: bytes) -> Reading:
     if euler_deg is None or frame is not Frame.NED:
         return Reading(frame, None, None, None, None, temperature_c, status)
     roll_deg, pitch_deg, yaw_deg = euler_deg
-    is_clipped = status is not None and bool(status & _GYROSCOPE_CLIPPING_BITS)
-    yaw_rate_deg_s = (
-        None if turn_rad_s is None or is_clipped else _compute_yaw_rate_deg_s(roll_deg, pitch_deg, turn_rad_s)
-    )
+    is_gyroscope_clipped = status is not None and bool(status & _GYROSCOPE_CLIPPING_BITS)
+    yaw_rate_deg_s = None
+    if rates_rad_s is not None and not is_gyroscope_clipped:
+        yaw_rate_deg_s = _compute_yaw_rate_deg_s(roll_deg, pitch_deg, rates_rad_s)
     return Reading(
         frame, yaw_deg % 360.0, pitch_deg, _compute_boat_roll_deg(roll_deg), yaw_rate_deg_s, temperature_c, status
     )
@@ -133,24 +134,25 @@ def _read_frame(identifier: int) -> Frame:
         raise MessageError(MALFORMED, "frame of the Euler angles is unknown") from None
 
 
-def _compute_yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, ...]) -> float | None:
+def _compute_yaw_rate_deg_s(roll_deg: float, pitch_deg: float, rates_rad_s: tuple[float, ...]) -> float | None:
     """Return the rate of the heading of a tilted device from its gyroscopes, None for a nearly vertical device.
 
     The gyroscope axes are those of the device; the frame bits do not apply to them. If the label is up, the z axis
-    points up and z is the rate to port; the device then has a roll near 180 degrees, and the cosine changes the sign.
+    points up and its rate is positive to port. The device then has a roll near 180 degrees, and the cosine of the roll
+    changes the sign.
     """
     if abs(pitch_deg) > _MAX_PITCH_DEG:
         return None
     roll_rad, pitch_rad = radians(roll_deg), radians(pitch_deg)
-    _, y_rad_s, z_rad_s = turn_rad_s
+    _, y_rad_s, z_rad_s = rates_rad_s
     return degrees((y_rad_s * math.sin(roll_rad) + z_rad_s * math.cos(roll_rad)) / math.cos(pitch_rad))
 
 
 def _compute_boat_roll_deg(roll_deg: float) -> float:
-    """Return the roll of the boat: if the label of the device is up, its roll in NED differs by 180 degrees.
+    """Return the roll of the boat, whether the label of the device is up or down.
 
-    Heading and pitch do not differ, because roll is the last of the three rotations. A capsized boat cannot be
-    distinguished from a device that is mounted upside down.
+    If the label is up, the roll in NED differs by 180 degrees. Heading and pitch do not differ, because roll is the
+    last of the three rotations. A capsized boat cannot be distinguished from a device that is mounted upside down.
     """
     if roll_deg > 90.0:
         return roll_deg - 180.0
@@ -196,19 +198,20 @@ def _decode_capture(data: bytes) -> Iterator[Result]:
 
 def _decode_message(packet: bytes) -> Result:
     message, data = message_id(packet), payload(packet)
-    head = {"message": Message(message).name}
+    message_field = {"message": Message(message).name}
     if message == Message.ERROR:
-        return {"type": "other", **head, "text": error_text(data)}
+        return {"type": "other", **message_field, "text": error_text(data)}
     if message != Message.MT_DATA2:
-        return {"type": "other", **head}
+        return {"type": "other", **message_field}
     reading = read_data(data)
     values = msgspec.structs.asdict(reading)
     values["frame"] = None if reading.frame is None else reading.frame.name
     values["status"] = None if reading.status is None else f"{reading.status:08X}"
     if reading.heading_magnetic_deg is None:  # another frame or no Euler angles
-        return {"type": "other", **head, **{name: value for name, value in values.items() if value is not None}}
+        present_values = {name: value for name, value in values.items() if value is not None}
+        return {"type": "other", **message_field, **present_values}
     fault = {"fault": reading.fault} if reading.fault else {}
-    return {"type": "heading", **head, **round_values("heading", values), **fault}
+    return {"type": "heading", **message_field, **round_values("heading", values), **fault}
 
 
 CAPTURE_FORMAT = CaptureFormat("mti", _decode_capture)

@@ -21,7 +21,7 @@ class ServiceManager:
         """Read the address and the watchdog time from the environment."""
         self._address = _parse_address(environment.get("NOTIFY_SOCKET", ""))
         self.watchdog_s = _parse_watchdog_s(environment) if self._address else None
-        self._is_ready_sent = False
+        self._has_sent_ready = False
         self._last_status = ""
 
     @property
@@ -34,16 +34,16 @@ class ServiceManager:
         if not self._address:
             return
         lines = ["WATCHDOG=1"]
-        if not self._is_ready_sent:
+        if not self._has_sent_ready:
             lines.insert(0, "READY=1")
         if status != self._last_status:
             lines.append(_status_line(status))
         # A failed notification is repeated with the next one.
         if self._send(*lines):
-            self._is_ready_sent, self._last_status = True, status
+            self._has_sent_ready, self._last_status = True, status
 
     def notify_status(self, text: str) -> None:
-        """Send a status."""
+        """Send a status text; only its first MAX_STATUS_CHARACTERS are sent."""
         self._send(_status_line(text))
 
     def notify_stopping(self) -> None:
@@ -62,14 +62,17 @@ class ServiceManager:
 
 
 def _parse_address(name: str) -> str:
-    """Return the address of a Unix socket: a path, or an abstract one that starts with @; otherwise empty."""
+    """Return the address of a Unix socket, empty if the name is not one.
+
+    A name is an absolute path, or @ and the name of an abstract socket.
+    """
     if name.startswith("@"):
         return "\0" + name[1:]
     return name if name.startswith("/") else ""
 
 
 def _parse_watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """Return the watchdog timeout in seconds, None without one or if it is for another process."""
+    """Return the watchdog timeout in seconds; None if there is none, or if it applies to another process."""
     if environment.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
         return None
     with contextlib.suppress(ValueError):

@@ -13,15 +13,15 @@ from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Area, PathParts, mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
 from firmware_py.link.files.sessions import (
-    IDLE_S,
+    MIN_IDLE_S,
     BurstRead,
     FileAction,
     FileCall,
     FileSessions,
     FileUpload,
     OpenFile,
-    Replies,
-    listing_data,
+    ReplySender,
+    encode_listing,
 )
 from firmware_py.link.files.tree import Origin, Tree, parse_path
 from firmware_py.link.latest import keep_latest
@@ -37,7 +37,7 @@ _MAX_UPLOADS = 4
 class ReadingRequests:
     """Requests that do not change files."""
 
-    def __init__(self, tree: Tree, sessions: FileSessions, replies: Replies) -> None:
+    def __init__(self, tree: Tree, sessions: FileSessions, replies: ReplySender) -> None:
         """Store the files, the open sessions and the sender of replies."""
         self._tree = tree
         self._sessions = sessions
@@ -61,7 +61,7 @@ class ReadingRequests:
         start, with_time = call.request.offset, call.request.opcode == Opcode.LIST_WITH_TIME
 
         def page_data(entries: Any) -> bytes:
-            return listing_data(entries, start, with_time=with_time, room=DATA_BYTES)
+            return encode_listing(entries, start, with_time=with_time, max_bytes=DATA_BYTES)
 
         listing, listed_s = self._listings.get(key, (None, 0.0))
         if start and listing is not None and call.now_s - listed_s < _MAX_LISTING_AGE_S:
@@ -83,12 +83,12 @@ class ReadingRequests:
             open_source: Callable[[], PlainFile | PackedFile | bytes] = partial(area.open_read, area_parts)
         else:
             open_source = partial(generate, query)
-        self._sessions.make_room(call.client, call.request.session, call.now_s)
+        self._sessions.close_idle_if_full(call.client, call.request.session, call.now_s)
 
         def open_session(source: PlainFile | PackedFile | bytes) -> bytes:
             file = OpenFile(parts, source)
             try:
-                self._sessions.make_room(call.client, call.request.session, call.now_s)
+                self._sessions.close_idle_if_full(call.client, call.request.session, call.now_s)
             except Refusal:
                 file.close()  # other clients have opened sessions in the meantime
                 raise
@@ -132,7 +132,7 @@ class WritingRequests:
     """Requests that change files or end sessions; the end of a session stores its upload."""
 
     def __init__(
-        self, tree: Tree, sessions: FileSessions, replies: Replies, context: LinkContext, worker: Worker
+        self, tree: Tree, sessions: FileSessions, replies: ReplySender, context: LinkContext, worker: Worker
     ) -> None:
         """Store the files, the open sessions, the sender of replies, the context and the worker for the disk."""
         self._tree = tree
@@ -159,7 +159,7 @@ class WritingRequests:
 
     def _create(self, call: FileCall) -> bytes:
         parts, _ = parse_path(call.request.data)
-        self._make_room(call)
+        self._close_idle_if_full(call)
         if parts not in self._tree.sinks:
             _, area_parts = self._tree.find_area(parts, write=True)
             if not area_parts:
@@ -167,19 +167,19 @@ class WritingRequests:
         self._sessions.open(call.client, call.request.session, FileUpload(parts), call.now_s)
         return b""
 
-    def _make_room(self, call: FileCall) -> None:
-        """Discard the least recently used upload if there are too many; raise Refusal if it is not idle.
+    def _close_idle_if_full(self, call: FileCall) -> None:
+        """Discard the least recently used upload if the limit is reached; raise Refusal if it is not idle.
 
         An upload is in memory until it is stored.
         """
         sessions, own_key = self._sessions, (call.client, call.request.session)
-        sessions.make_room(*own_key, call.now_s)
+        sessions.close_idle_if_full(*own_key, call.now_s)
         uploads = [
             key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own_key
         ]
         if len(uploads) + self._pending_stores < _MAX_UPLOADS:
             return
-        if not uploads or call.now_s - sessions.used_s(*uploads[0]) < IDLE_S:
+        if not uploads or call.now_s - sessions.last_use_s(*uploads[0]) < MIN_IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         sessions.discard(*uploads[0])
 
@@ -189,11 +189,11 @@ class WritingRequests:
         if parts in self._tree.sinks:
             self._create(call)
             return struct.pack("<I", 0)
-        self._make_room(call)
+        self._close_idle_if_full(call)
         area, area_parts = self._tree.find_area(parts, write=True)
 
         def open_session(content: bytes) -> bytes:
-            self._make_room(call)  # again: other clients may have begun uploads in the meantime
+            self._close_idle_if_full(call)  # again: other clients may have begun uploads in the meantime
             self._sessions.open(call.client, call.request.session, FileUpload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
@@ -224,7 +224,7 @@ class WritingRequests:
         """
         uploads, has_stale_upload = [], False
         for number in self._sessions.numbers(call.client):
-            idle_s = call.now_s - self._sessions.used_s(call.client, number)
+            idle_s = call.now_s - self._sessions.last_use_s(call.client, number)
             handle = self._sessions.end(call.client, number)
             if isinstance(handle, FileUpload) and idle_s <= timeouts_of(call.client.peer.transport).give_up_s:
                 uploads.append(handle)

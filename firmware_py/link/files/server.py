@@ -23,14 +23,14 @@ from firmware_py.link.files.payload import (
 )
 from firmware_py.link.files.requests import ReadingRequests, WritingRequests
 from firmware_py.link.files.sessions import (
-    FILE_TRANSFER,
+    FILE_TRANSFER_MESSAGE,
     PENDING,
     FileAction,
     FileCall,
     FileSession,
     FileSessions,
     OpenFile,
-    Replies,
+    ReplySender,
 )
 from firmware_py.link.files.tree import Tree
 from firmware_py.link.peers import Peer, station_of
@@ -46,7 +46,7 @@ class FileServer:
     def __init__(self, context: LinkContext, tree: Tree, worker: Worker) -> None:
         """Store the context, the files, and the worker for the disk."""
         self._sessions = FileSessions()
-        self._replies = Replies(context, self._sessions, worker)
+        self._replies = ReplySender(context, self._sessions, worker)
         self._actions: Mapping[int, FileAction] = {
             **ReadingRequests(tree, self._sessions, self._replies).actions(),
             **WritingRequests(tree, self._sessions, self._replies, context, worker).actions(),
@@ -54,7 +54,7 @@ class FileServer:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the message handlers by message id."""
-        return {FILE_TRANSFER: self._handle_message}
+        return {FILE_TRANSFER_MESSAGE: self._handle_message}
 
     def _handle_message(self, peer: Peer, message: Message, now_s: float) -> None:
         raw = bytes(message.payload)
@@ -103,7 +103,7 @@ class FileServer:
             max_parts = peer.bulk_frames(_FRAME_BYTES, now_s)
             if max_parts <= 0:
                 break
-            session.used_s = now_s
+            session.last_use_s = now_s
             self._send_parts(session, max_parts, now_s)
         if any(session.burst is not None for session in burst_sessions):
             peer.bulk.mark_unfinished()

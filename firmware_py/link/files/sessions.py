@@ -28,29 +28,32 @@ from firmware_py.link.wire.worker import Worker
 
 MAX_SESSIONS = 16
 MAX_CLIENT_SESSIONS = 6  # sessions of one client; MAVProxy uses five at once
-IDLE_S = 10.0  # a session that is unused for this time is closed when another one needs its place
-_MAX_UNUSED_S = 120.0  # a session that is unused for this time is closed in any case
+MIN_IDLE_S = 10.0  # a session that is idle for this time may be closed for a new one
+_MAX_IDLE_S = 120.0  # a session that is idle for this time is closed in any case
 _MAX_GAPS = 64  # in an upload
 _MAX_BURST_PARTS = 160  # they fit in a receive buffer of 208 KiB; the client requests the next burst
 
-FILE_TRANSFER = 110
+FILE_TRANSFER_MESSAGE = 110  # message id of FILE_TRANSFER_PROTOCOL
 _MAX_STORED_REPLIES = 64
-_MAX_REPLY_AGE_S = 5.0  # maximum age of a repeated request
+_MAX_REPLY_AGE_S = 5.0  # an older stored reply is not sent again
 PENDING = b""  # stored instead of a reply while a request is being executed
 
 # Requests that may be executed twice.
-_REPEATABLE = frozenset(
+_REPEATABLE_OPCODES = frozenset(
     (Opcode.NONE, Opcode.LIST, Opcode.LIST_WITH_TIME, Opcode.READ, Opcode.BURST_READ, Opcode.CHECKSUM)
 )
 
 
 class OpenFile:
-    """A file with the size at its opening; bytes that are appended later are not part of it."""
+    """A file that is open for reading, with the size that it had when it was opened.
+
+    Bytes that are appended later are not read.
+    """
 
     __slots__ = ("_content", "_file", "path", "size")
 
     def __init__(self, path: PathParts, source: PlainFile | PackedFile | bytes) -> None:
-        """Store a file on the disk, or the content of a generated file."""
+        """Begin with an open file of the disk, or with the bytes of a generated file."""
         self.path = path
         self._file = None if isinstance(source, bytes) else source
         self._content = source if isinstance(source, bytes) else b""
@@ -66,7 +69,7 @@ class OpenFile:
         return self._file.read(offset, count)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of the disk; a generated file needs no closing."""
         if self._file is not None:
             self._file.close()
 
@@ -133,68 +136,71 @@ class BurstRead:
 class FileSession:
     """One session: an open file or an upload, the burst read that it sends, and the time of its last use."""
 
-    __slots__ = ("burst", "handle", "used_s")
+    __slots__ = ("burst", "handle", "last_use_s")
 
     def __init__(self, handle: OpenFile | FileUpload, now_s: float) -> None:
-        """Store the file or upload; the time is the first use."""
+        """Begin with a file or an upload, which is first used at `now_s`."""
         self.handle = handle
         self.burst: BurstRead | None = None
-        self.used_s = now_s
+        self.last_use_s = now_s
 
 
 class FileSessions:
-    """The open sessions of all clients, of limited number; a client chooses the numbers of its sessions."""
+    """The open sessions of all clients, at most MAX_SESSIONS. Each client numbers its own sessions."""
 
     def __init__(self) -> None:
         """Start without sessions."""
-        self._open: OrderedDict[tuple[Station, int], FileSession] = OrderedDict()  # least recently used first
+        self._sessions: OrderedDict[tuple[Station, int], FileSession] = OrderedDict()  # least recently used first
 
     def __len__(self) -> int:
         """Return the number of sessions."""
-        return len(self._open)
+        return len(self._sessions)
 
     def items(self) -> tuple[tuple[tuple[Station, int], FileSession], ...]:
         """Return a copy of the sessions by client and number."""
-        return tuple(self._open.items())
+        return tuple(self._sessions.items())
 
     def use(self, client: Station, number: int, now_s: float) -> FileSession:
         """Return a session and update its time of use; raise Refusal if it is not open."""
-        session = self._open.get((client, number))
+        session = self._sessions.get((client, number))
         if session is None:
             raise Refusal(Error.INVALID_SESSION)
-        session.used_s = now_s
-        self._open.move_to_end((client, number))
+        session.last_use_s = now_s
+        self._sessions.move_to_end((client, number))
         return session
 
     def get(self, client: Station, number: int) -> FileSession | None:
-        """Return a session, or None; its time of use stays."""
-        return self._open.get((client, number))
+        """Return a session without updating its time of use; None if it is not open."""
+        return self._sessions.get((client, number))
 
-    def used_s(self, client: Station, number: int) -> float:
+    def last_use_s(self, client: Station, number: int) -> float:
         """Return the time of the last use of a session."""
-        return self._open[(client, number)].used_s
+        return self._sessions[(client, number)].last_use_s
 
-    def make_room(self, client: Station, number: int, now_s: float) -> None:
-        """Close the least recently used session if there are too many; raise Refusal if it is not idle."""
-        if (client, number) in self._open:
+    def close_idle_if_full(self, client: Station, number: int, now_s: float) -> None:
+        """Close the least recently used session if the limit of the client or that of all clients is reached.
+
+        Raises Refusal if that session is not idle. Does nothing if the session `number` is open already.
+        """
+        if (client, number) in self._sessions:
             return
-        keys = [key for key in self._open if key[0] == client]
+        keys = [key for key in self._sessions if key[0] == client]
         if len(keys) < MAX_CLIENT_SESSIONS:
-            if len(self._open) < MAX_SESSIONS:
+            if len(self._sessions) < MAX_SESSIONS:
                 return
-            keys = list(self._open)
-        if now_s - self._open[keys[0]].used_s < IDLE_S:
+            keys = list(self._sessions)
+        if now_s - self._sessions[keys[0]].last_use_s < MIN_IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         self.discard(*keys[0])
 
     def open(self, client: Station, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
         """Open a session; a session with the same number is discarded."""
         self.discard(client, number)
-        self._open[(client, number)] = FileSession(handle, now_s)
+        self._sessions[(client, number)] = FileSession(handle, now_s)
 
     def end(self, client: Station, number: int) -> OpenFile | FileUpload | None:
         """Remove a session and return its file or upload, or None if it is not open."""
-        session = self._open.pop((client, number), None)
+        session = self._sessions.pop((client, number), None)
         return None if session is None else session.handle
 
     def discard(self, client: Station, number: int) -> None:
@@ -205,17 +211,17 @@ class FileSessions:
 
     def numbers(self, client: Station) -> tuple[int, ...]:
         """Return the numbers of a client's sessions."""
-        return tuple(number for owner, number in self._open if owner == client)
+        return tuple(number for owner, number in self._sessions if owner == client)
 
     def expire(self, now_s: float) -> None:
-        """Discard sessions that were not used for _MAX_UNUSED_S."""
+        """Discard sessions that were not used for _MAX_IDLE_S."""
         for key, session in self.items():
-            if now_s - session.used_s > _MAX_UNUSED_S:
+            if now_s - session.last_use_s > _MAX_IDLE_S:
                 self.discard(*key)
 
 
-def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, room: int) -> bytes:
-    """Return the lines of a listing from number `start`, at most `room` bytes; raise Refusal at the end."""
+def encode_listing(entries: tuple[Entry, ...], start: int, *, with_time: bool, max_bytes: int) -> bytes:
+    """Return the lines of a listing from number `start`, at most `max_bytes` bytes; raise Refusal at the end."""
     if start >= len(entries):
         raise Refusal(Error.END_OF_FILE)
     data = b""
@@ -224,7 +230,7 @@ def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, roo
         if with_time and not entry.is_directory:
             text += f"\t{entry.modified_s}"
         line = text.encode("ascii", "replace") + b"\0"
-        if len(data) + len(line) > room:
+        if len(data) + len(line) > max_bytes:
             break
         data += line
     return data
@@ -234,7 +240,7 @@ class FileCall(NamedTuple):
     """A request, its undecoded payload, its client and the time."""
 
     request: FileRequest
-    raw: bytes
+    raw_payload: bytes
     client: Station
     now_s: float
 
@@ -248,7 +254,7 @@ class FileCall(NamedTuple):
 FileAction = Callable[[FileCall], bytes | None]
 
 
-class Replies:
+class ReplySender:
     """Sends replies, at once or after disk work, and stores them for repeated requests."""
 
     def __init__(self, context: LinkContext, sessions: FileSessions, worker: Worker) -> None:
@@ -256,12 +262,12 @@ class Replies:
         self._context = context
         self._sessions = sessions
         self._worker = worker
-        self._stored: OrderedDict[tuple[Station, bytes], tuple[bytes, float]] = OrderedDict()
+        self._stored_replies: OrderedDict[tuple[Station, bytes], tuple[bytes, float]] = OrderedDict()
 
     def find_stored(self, call: FileCall) -> bytes | None:
         """Return the stored reply to a repeated request; None for a new one."""
-        payload, replied_s = self._stored.get((call.client, call.raw), (None, 0.0))
-        if payload is None or call.now_s - replied_s > _MAX_REPLY_AGE_S:
+        payload, reply_time_s = self._stored_replies.get((call.client, call.raw_payload), (None, 0.0))
+        if payload is None or call.now_s - reply_time_s > _MAX_REPLY_AGE_S:
             return None
         if call.request.opcode == Opcode.OPEN_READ and payload is not PENDING:
             # A restarted client may repeat sequence numbers: the reply is valid only while the session is open.
@@ -276,7 +282,7 @@ class Replies:
 
     def begin(self, call: FileCall) -> None:
         """Mark a request as being executed, so that its duplicates are ignored."""
-        if call.request.opcode not in _REPEATABLE:
+        if call.request.opcode not in _REPEATABLE_OPCODES:
             self._store(call, PENDING)
 
     def finish(self, call: FileCall, result: bytes | Exception) -> None:
@@ -288,19 +294,19 @@ class Replies:
             payload = nak_payload(call.request, refusal)
         else:
             payload = ack_payload(call.request, result)
-        if call.request.opcode not in _REPEATABLE:
+        if call.request.opcode not in _REPEATABLE_OPCODES:
             self._store(call, payload)
         self.send(call, payload)
 
     def _store(self, call: FileCall, payload: bytes) -> None:
         """Store a reply for repeated requests."""
-        key = (call.client, call.raw)
-        keep_latest(self._stored, key, (payload, call.now_s), _MAX_STORED_REPLIES)
+        key = (call.client, call.raw_payload)
+        keep_latest(self._stored_replies, key, (payload, call.now_s), _MAX_STORED_REPLIES)
 
     def send(self, call: FileCall, payload: bytes) -> None:
         """Queue a payload to the client."""
         address = bytes((0, *call.client.sender))
-        frame = self._context.codec.pack_payload(FILE_TRANSFER, address + payload)
+        frame = self._context.codec.pack_payload(FILE_TRANSFER_MESSAGE, address + payload)
         call.peer.outbox.push(frame, Priority.REPLY)
 
     def finish_later(
@@ -319,4 +325,4 @@ class Replies:
 
         if not self._worker.submit(job, reply):
             # The queue of the worker is full: the client repeats its request.
-            self._stored.pop((call.client, call.raw), None)
+            self._stored_replies.pop((call.client, call.raw_payload), None)

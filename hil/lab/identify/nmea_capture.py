@@ -22,7 +22,8 @@ from hil.lab.identify.onboard_log import Pair, smooth_speed
 from hil.lab.identify.recording import MIN_ROWS, Recording
 from hil.lab.identify.table_text import MAX_BYTES
 
-HEAD_BYTES, MIN_SENTENCES = 4096, 3  # start of the file that is_capture reads, and its valid sentences
+HEAD_BYTES = 4096  # is_capture reads only this start of the file
+MIN_SENTENCES = 3  # number of valid sentences in the start of a capture
 DAY_S = 86400.0
 HEADING_FIELDS = ("heading_true_deg", "heading_magnetic_deg", "sensor_deg")
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS")
@@ -43,37 +44,43 @@ def is_capture(path: Path) -> bool:
 
 def read(path: Path) -> Recording:
     """Read a capture, or raise UsageError."""
-    times, series, faults = _read_sentences(path.read_bytes())
-    if len(times) < 2:
-        raise UsageError(f"{path}: NMEA 0183 with {len(times)} times; the capture needs RMC, GGA, GLL or ZDA")
-    clock_marks = np.array(times)
-    midnights = np.cumsum(np.diff(clock_marks[:, 1], prepend=clock_marks[0, 1]) < -0.5 * DAY_S)
-    clock = clock_marks[:, 1] + DAY_S * midnights
-    is_later = np.concatenate(([True], np.diff(np.maximum.accumulate(clock)) > 0.0))
-    clock_marks, clock = clock_marks[is_later, 0], clock[is_later]
-
-    def with_times(name: str) -> list[Pair]:
-        pairs = np.array(series[name]).reshape(-1, 2)
-        timed_pairs = pairs[(pairs[:, 0] >= clock_marks[0]) & (pairs[:, 0] <= clock_marks[-1])]
-        return list(
-            zip(np.interp(timed_pairs[:, 0], clock_marks, clock).tolist(), timed_pairs[:, 1].tolist(), strict=True)
+    clock_readings, series, damaged_count = _read_sentences(path.read_bytes())
+    if len(clock_readings) < 2:
+        raise UsageError(
+            f"{path}: NMEA 0183 with too few different times ({len(clock_readings)} of at least 2); "
+            "also record RMC, GGA, GLL or ZDA"
         )
+    sentence_numbers, time_of_day_s = np.array(clock_readings).T
+    day_count = np.cumsum(np.diff(time_of_day_s, prepend=time_of_day_s[0]) < -0.5 * DAY_S)
+    clock_s = time_of_day_s + DAY_S * day_count
+    # Interpolation needs increasing times: omit each time that is not later than all previous ones.
+    is_later = np.concatenate(([True], np.diff(np.maximum.accumulate(clock_s)) > 0.0))
+    sentence_numbers, clock_s = sentence_numbers[is_later], clock_s[is_later]
+
+    def interpolate_times(name: str) -> list[Pair]:
+        """Return (time, value) of a series between the first and the last sentence with a time."""
+        pairs = np.array(series[name]).reshape(-1, 2)
+        pairs = pairs[(pairs[:, 0] >= sentence_numbers[0]) & (pairs[:, 0] <= sentence_numbers[-1])]
+        times_s = np.interp(pairs[:, 0], sentence_numbers, clock_s)
+        return list(zip(times_s.tolist(), pairs[:, 1].tolist(), strict=True))
 
     sentence_type = max(HEADING_SENTENCES, key=lambda sentence_name: len(series[sentence_name]))
-    heading, rudder = np.array(with_times(sentence_type)).reshape(-1, 2), np.array(with_times("rudder")).reshape(-1, 2)
+    heading = np.array(interpolate_times(sentence_type)).reshape(-1, 2)
+    rudder = np.array(interpolate_times("rudder")).reshape(-1, 2)
     if heading.shape[0] < MIN_ROWS or rudder.shape[0] < MIN_ROWS:
         raise UsageError(
             f"{path}: NMEA 0183 with {heading.shape[0]} headings and {rudder.shape[0]} rudder angles (RSA, XDR) "
-            f"between its times; at least {MIN_ROWS} of each are needed"
+            f"between the first and the last time; at least {MIN_ROWS} of each are needed"
         )
     # One row per sample of the slower sensor: interpolation of the rudder between its samples would make T too short.
     slower_series = min(heading, rudder, key=len)
     time_s = np.unique(slower_series[:, 0])
     time_s = time_s[(time_s >= max(heading[0, 0], rudder[0, 0])) & (time_s <= min(heading[-1, 0], rudder[-1, 0]))]
     notes = [f"NMEA 0183: headings of {sentence_type}; sentences without a time are spread between those with one"]
-    if faults:
-        notes.append(f"{faults} damaged sentences ignored")
-    speed = smooth_speed(with_times("water" if len(series["water"]) >= MIN_ROWS else "ground"), time_s, notes)
+    if damaged_count:
+        notes.append(f"{damaged_count} damaged sentences ignored")
+    speed_name = "water speed" if len(series["water speed"]) >= MIN_ROWS else "ground speed"
+    speed = smooth_speed(interpolate_times(speed_name), time_s, notes)
     return Recording(
         str(path),
         time_s - time_s[0],
@@ -87,9 +94,9 @@ def read(path: Path) -> Recording:
 
 def _read_sentences(data: bytes) -> tuple[list[Pair], dict[str, list[Pair]], int]:
     """Return clock readings, series and the number of damaged sentences; pairs begin with the sentence number."""
-    times: list[Pair] = []
+    clock_readings: list[Pair] = []
     series: dict[str, list[Pair]] = defaultdict(list)
-    framer, faults = NmeaFramer(), 0
+    framer, damaged_count = NmeaFramer(), 0
     for number, sentence in enumerate([*framer.feed(data), *framer.finish()]):
         if sentence.kind not in USED_SENTENCES:
             continue
@@ -100,24 +107,28 @@ def _read_sentences(data: bytes) -> tuple[list[Pair], dict[str, list[Pair]], int
             except MessageError:
                 decoded = None
         if decoded is None:
-            faults += 1
+            damaged_count += 1
             continue
-        _store(decoded, sentence.kind, float(number), times, series)
-    return times, series, faults
+        _store_values(decoded, sentence.kind, float(number), clock_readings, series)
+    return clock_readings, series, damaged_count
 
 
-def _store(
-    decoded: DecodedSentence, sentence_type: str, number: float, times: list[Pair], series: dict[str, list[Pair]]
+def _store_values(
+    decoded: DecodedSentence,
+    sentence_type: str,
+    number: float,
+    clock_readings: list[Pair],
+    series: dict[str, list[Pair]],
 ) -> None:
     numbers = decoded.numbers
-    now_s = numbers.get("time_of_day_s")
-    if now_s is not None and (not times or now_s != times[-1][1]):
-        times.append((number, now_s))
-    for name, key in (("rudder", "rudder_deg"), ("water", "water_speed_m_s"), ("ground", "sog_m_s")):
+    time_of_day_s = numbers.get("time_of_day_s")
+    if time_of_day_s is not None and (not clock_readings or time_of_day_s != clock_readings[-1][1]):
+        clock_readings.append((number, time_of_day_s))
+    for name, key in (("rudder", "rudder_deg"), ("water speed", "water_speed_m_s"), ("ground speed", "sog_m_s")):
         value = numbers.get(key)
         if value is not None:
             series[name].append((number, value))
     if sentence_type in HEADING_SENTENCES:
-        angle = next((numbers[name] for name in HEADING_FIELDS if numbers.get(name) is not None), None)
-        if angle is not None:
-            series[sentence_type].append((number, angle))
+        heading_deg = next((numbers[name] for name in HEADING_FIELDS if numbers.get(name) is not None), None)
+        if heading_deg is not None:
+            series[sentence_type].append((number, heading_deg))

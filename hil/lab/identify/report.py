@@ -115,7 +115,8 @@ def _header(result: Identification) -> list[str]:
 def _table(result: Identification, *, is_angle: bool) -> list[str]:
     rows = [("", "value", "95 % interval", "", "verdict")]
     for name, estimate in result.judgement.estimates.items():
-        rows.append((name, *figures(name, estimate, is_angle=is_angle), f"{estimate.verdict}; {estimate.reason}"))
+        verdict = f"{estimate.verdict}; {estimate.reason}"
+        rows.append((name, *format_estimate(name, estimate, is_angle=is_angle), verdict))
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     return [
         "  ".join(
@@ -125,7 +126,7 @@ def _table(result: Identification, *, is_angle: bool) -> list[str]:
     ]
 
 
-def figures(name: str, estimate: Estimate, *, is_angle: bool) -> tuple[str, str, str]:
+def format_estimate(name: str, estimate: Estimate, *, is_angle: bool) -> tuple[str, str, str]:
     """Return value, interval and unit as texts; is_angle: the rudder column is an angle."""
     unit = UNITS[name] if is_angle or name in ("T", "alpha") else ""
     scale = degrees(1.0) if name == "delta0" and is_angle else 1.0

@@ -29,7 +29,7 @@ from firmware_py.modes import (
     bench_deflection,
     decide,
     heading_to_steer,
-    obstacle_to,
+    mode_refusal,
     stick_deflection,
 )
 
@@ -133,7 +133,7 @@ REQUIREMENTS = {
 def test_dead_reckoning_position_is_sufficient():
     dead_reckoning = replace(NORMAL, position_ok=False, dead_reckoning_sd_m=300.0)
     for mode in (Mode.LOITER, Mode.AUTO, Mode.RTL):
-        assert obstacle_to(mode, dead_reckoning) == ""
+        assert mode_refusal(mode, dead_reckoning) == ""
     state, answer = decide(GUIDED, SteerPosition(0.5, -0.5), dead_reckoning, 0.0)
     assert (state.goal, answer.verdict) == (PositionGoal(0.5, -0.5), Verdict.ACCEPTED)
 

@@ -51,10 +51,10 @@ def test_values_are_converted_to_the_types_of_the_record():
         ({"socket": "x", "height_m": 31}, "height_m: 31 is out of range; allowed: 0 to 30"),
     ],
 )
-def test_invalid_options_are_rejected_by_name(values, problem):
-    with pytest.raises(ValueError) as caught:
+def test_error_of_an_invalid_option_names_it(values, problem):
+    with pytest.raises(ValueError) as error_info:
         record_from(Lamp, values)
-    assert problem in str(caught.value)
+    assert problem in str(error_info.value)
 
 
 def test_record_created_without_a_file_is_checked():

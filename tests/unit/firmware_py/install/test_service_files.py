@@ -25,7 +25,7 @@ from firmware_py.install.service_files import (
     is_hidden,
     service_files,
 )
-from firmware_py.install.steps import InstallError, check
+from firmware_py.install.steps import InstallError, check_service
 from firmware_py.loop import WATCHDOG_INTERVAL_S
 from firmware_py.system.watchdogs import TIMEOUT_S
 from firmware_py.vehicle import load
@@ -302,12 +302,12 @@ def test_failed_installation_names_the_reason(image, capsys, change, text):
 
 def test_systemd_must_run_except_in_a_chroot(image, tmp_path, monkeypatch):
     monkeypatch.setattr("firmware_py.install.steps._SYSTEMD_RUNTIME", tmp_path / "none")
-    monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", Path("/"))
+    monkeypatch.setattr("firmware_py.install.steps._INIT_ROOT", Path("/"))
     with pytest.raises(InstallError, match="systemd does not run"):
-        check(SERVICE, Path("/"))
-    monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", tmp_path)
+        check_service(SERVICE, Path("/"))
+    monkeypatch.setattr("firmware_py.install.steps._INIT_ROOT", tmp_path)
     with pytest.raises(InstallError, match=r"vehicle file .* cannot read"):
-        check(SERVICE, Path("/"))
+        check_service(SERVICE, Path("/"))
 
 
 def test_only_root_changes_the_system(monkeypatch, capsys):

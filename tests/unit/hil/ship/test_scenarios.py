@@ -8,8 +8,8 @@ from hil.__main__ import main
 from hil.ship import disturbance_options
 from hil.ship.scenarios import TABLE, UnknownScenarioError, find_scenario
 
-# Speed, wave period, wave yaw, bias, drift, current.
-ROWS = {
+COLUMNS = ("speed_m_s", "wave_period_s", "wave_yaw_deg", "bias_deg", "drift_deg", "current_m_s")
+EXPECTED_VALUES = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
     "sea": (0.9, 6.0, 4.0, 5.0, 2.0, 0.3),
@@ -30,11 +30,10 @@ ROWS = {
 
 
 def test_table_contains_the_specified_scenarios():
-    columns = ("speed_m_s", "wave_period_s", "wave_yaw_deg", "bias_deg", "drift_deg", "current_m_s")
-    assert {row.name: tuple(getattr(row, column) for column in columns) for row in TABLE} == ROWS
+    assert {row.name: tuple(getattr(row, column) for column in COLUMNS) for row in TABLE} == EXPECTED_VALUES
 
 
-def test_unknown_scenario_lists_the_names():
+def test_error_of_an_unknown_scenario_lists_the_names():
     with pytest.raises(UnknownScenarioError, match="calm, tank, sea"):
         find_scenario("lake")
 
@@ -42,8 +41,8 @@ def test_unknown_scenario_lists_the_names():
 def test_scenarios_command_lists_scenarios_and_options(capsys):
     assert main(["scenarios"]) == 0
     text = capsys.readouterr().out
-    assert all(name in text for name in ROWS)
+    assert all(name in text for name in EXPECTED_VALUES)
     assert "ocean-1 has float=0.5:0.6,leeway=3:0:0,receiver=0.5:0.02:10:1:0.05" in text
     assert all(row.source in text for row in disturbance_options.TABLE)
     assert main(["scenarios", "--json"]) == 0
-    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == list(ROWS)
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == list(EXPECTED_VALUES)

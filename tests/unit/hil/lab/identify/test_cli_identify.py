@@ -43,7 +43,7 @@ INVALID_FILES = {
     "two logs": (csv_text(ROWS) + csv_text(ROWS), ":102: the column names are repeated; split the file"),
     "NMEA with one time": (
         (sentence("II", "HDT", ["12.5", "T"]) + sentence("GP", "ZDA", ["120000", "27", "11", "2026", "00", "00"])) * 50,
-        "NMEA 0183 with 1 times; the capture needs RMC, GGA, GLL or ZDA",
+        "NMEA 0183 with too few different times (1 of at least 2); also record RMC, GGA, GLL or ZDA",
     ),
     "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "NMEA 0183 sentences instead of a table"),
     "damaged gzip": (gzip.compress(csv_text(ROWS).encode())[:-40], "its gzip data is damaged"),

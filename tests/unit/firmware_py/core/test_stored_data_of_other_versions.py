@@ -28,15 +28,15 @@ def open_store(directory, name, content):
 
 def test_parameters_of_another_version_stay_in_the_store(tmp_path):
     texts = []
-    text = b"CTL_K1 41\nNEW_ONE 3.5\nCTL_HOLD_S 1e+09\nno line at all\nODD_ONE nan\n"
+    text = b"CTL_K1 41\nNEW_ONE 3.5\nCTL_HOLD_S 1e+09\nnot a parameter\nODD_ONE nan\n"
     store = open_store(tmp_path, PARAMETER_FILE, text)
-    values, unusable = load_parameters(store, texts.append)
+    values, unusable_values = load_parameters(store, texts.append)
     assert values == {"CTL_K1": 41.0}
-    assert unusable == {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9}
+    assert unusable_values == {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9}
     assert ["kept for another version" in line for line in texts] == [True, True, False, False]
     store.close()
-    store = open_store(tmp_path, PARAMETER_FILE, format_file(unusable | values).encode())
-    assert load_parameters(store, texts.append) == (values, unusable)
+    store = open_store(tmp_path, PARAMETER_FILE, format_file(unusable_values | values).encode())
+    assert load_parameters(store, texts.append) == (values, unusable_values)
     store.close()
 
 
@@ -65,11 +65,11 @@ def test_incomplete_plan_is_refused(name):
         plan_from_text(edit(plan_to_text(MISSION), lambda data: data["plan"].pop(name)))
 
 
-def test_text_of_a_stored_plan_is_that_of_earlier_versions():
-    open_store = (
+def test_plan_is_stored_in_the_format_of_earlier_versions():
+    stored_text = (
         '{"version":1,"plan":{"kind":0,"identity":1002911340,'
         '"items":"AxAAAQAAAAAAAKBAAAAAAAAAAACAk9wUgLfZUgAAAAA="},"$":"_Stored"}'
     )
-    assert plan_to_text(MISSION) == open_store
-    assert plan_from_text(open_store) == (MISSION, ())
-    assert plan_from_text(open_store.replace('"version":1,', ""))[0] == MISSION
+    assert plan_to_text(MISSION) == stored_text
+    assert plan_from_text(stored_text) == (MISSION, ())
+    assert plan_from_text(stored_text.replace('"version":1,', ""))[0] == MISSION
