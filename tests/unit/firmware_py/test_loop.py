@@ -167,11 +167,13 @@ class FakeRecorder:
 class FakeStore:
     """A store in memory; `service` calls the callbacks of what has been stored."""
 
+    DESCRIPTOR = 30
+
     def __init__(self):
         self.saved, self.callbacks, self.failure = {}, [], ""
 
     def fileno(self):
-        return 30
+        return self.DESCRIPTOR
 
     def load(self, name):
         return self.saved.get(name)
@@ -337,21 +339,22 @@ def test_loop_does_not_wait_on_a_closed_port(boat):
     assert not any(-1 in descriptors for _, _, descriptors in boat.clock.waits)
 
 
-@pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])
+@pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, FakeStore.DESCRIPTOR])
 def test_loop_does_not_wait_on_a_connection_closed_by_service(boat, descriptor):
     """The service of the link or a callback of the store may close a connection of the link."""
     boat.clock.arrivals = [(0.137, descriptor)]
+    new_descriptor = 21
 
     def close(*_):
         boat.clock.arrivals.clear()
-        boat.link.descriptors = lambda: [21]
+        boat.link.descriptors = lambda: [new_descriptor]
 
     boat.link.service = boat.store.service = close
     run_for(boat, 0.35)
     waits = [(now_s, descriptors) for now_s, _, descriptors in boat.clock.waits]
-    assert any(20 in descriptors for now_s, descriptors in waits if now_s < 0.137)
-    assert not any(20 in descriptors for now_s, descriptors in waits if now_s >= 0.137)
-    assert any(21 in descriptors for now_s, descriptors in waits if now_s == 0.137)
+    assert any(FakeLink.DESCRIPTOR in descriptors for now_s, descriptors in waits if now_s < 0.137)
+    assert not any(FakeLink.DESCRIPTOR in descriptors for now_s, descriptors in waits if now_s >= 0.137)
+    assert any(new_descriptor in descriptors for now_s, descriptors in waits if now_s == 0.137)
 
 
 def test_battery_monitor_is_read_at_the_ticks(boat):
