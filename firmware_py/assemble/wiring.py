@@ -87,13 +87,11 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     On any error, all opened parts are closed again.
     """
     with ExitStack() as opened:
-        return Assembly(*_open_and_connect(vehicle, options, opened), opened.pop_all().close)
+        return _open_and_connect(vehicle, options, opened)
 
 
-def _open_and_connect(
-    vehicle: Vehicle, options: Options, opened: ExitStack
-) -> tuple[LoopParts, Endpoint, Console, Endings]:
-    """Open and connect all parts; `opened` closes them in reverse order."""
+def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> Assembly:
+    """Open and connect all parts. Assembly.close closes them in reverse order, or `opened` after an error."""
     opened.callback(commit := start_commit_query(ROOT))  # git runs while lines and state are opened
     console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
@@ -102,8 +100,7 @@ def _open_and_connect(
     notices: list[Event] = []
     say = _create_reporter(console, notices)
     stored, plans = read_state(options.state_directory, store, say)
-    clock: Clock = RealClock()
-    # The lockstep clock is created after the lines.
+    clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
     for text in shared_port_warnings(lines) if options.lockstep is None else ():
@@ -149,10 +146,9 @@ def _open_and_connect(
         notices=notices,
         tick_on_compass=options.lockstep is None,
     )
-    links = status_reader(endpoint, outputs)
-    _connect_reports(vehicle, options, parts, links, version.commit, console, opened)
+    _connect_reports(vehicle, options, parts, status_reader(endpoint, outputs), version.commit, console, opened)
     connect_nmea_outputs(outputs, parts)
-    return parts, endpoint, console, endings
+    return Assembly(parts, endpoint, console, endings, opened.pop_all().close)
 
 
 def _create_start_state(

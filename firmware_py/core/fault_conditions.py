@@ -26,11 +26,8 @@ def fault_input(
     """Return the inputs of the fault conditions; the state is already updated with the inputs of the tick."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     compasses, rudder_monitor = state.heading_estimator.tick.sources, state.supervisor.rudder_monitor
-    is_frozen, is_jumping = find_compass_faults(
-        settings.heading_estimator.tick.frozen_s, compasses, timeouts.compass_s, now_s
-    )
-    a_s, b_s = devices.compass_s
-    a_timeout_s, b_timeout_s = timeouts.compass_s
+    frozen_s = settings.heading_estimator.tick.frozen_s
+    is_frozen, is_jumping = find_compass_faults(frozen_s, compasses, timeouts.compass_s, now_s)
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     battery, limits = power_monitor.read_supply(state.power, now_s), settings.battery_limits
     skipped_s, restarted_s, station = state.timing.skipped_t_s, state.rudder.restarted_s, devices.link
@@ -38,8 +35,9 @@ def fault_input(
         faults=state.fault_latch.active,
         late_age_s=None if skipped_s is None else now_s - skipped_s,
         heading_old=freshness.heading is Age.OLD,
-        compass_silent=(
-            (a_s is not None and now_s - a_s > a_timeout_s) or (b_s is not None and now_s - b_s > b_timeout_s)
+        compass_silent=any(
+            sample_s is not None and now_s - sample_s > timeout_s
+            for sample_s, timeout_s in zip(devices.compass_s, timeouts.compass_s, strict=True)
         ),
         compass_frozen=is_frozen,
         compass_jumping=is_jumping,

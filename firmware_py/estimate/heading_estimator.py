@@ -110,13 +110,7 @@ def update(
     declination_rad = observer_settings.declination_rad or None
     odd_variation, events = variation.find_unused(state.odd_variation, headings, declination_rad)
     headings = [variation.apply(sample, declination_rad) for sample in headings]
-    true_samples = [
-        TrueHeadingSample(
-            sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
-        )
-        for sample in headings
-        if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
-    ]
+    true_samples = _to_true_headings(observer_settings, headings)
     previous_source = tick.sources.in_use
     if heading_tick.needs_restart(tick, now_s, timeouts.compass_s):
         events = (*events, Event(Severity.WARNING, "Heading estimate restarted"))
@@ -149,6 +143,15 @@ def update(
         water_state = water.take_heading(water_state, heading.heading_rad, is_compass_used, now_s - previous.t_s)
     water_state = water.update(water_state, now_s)
     return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation), events
+
+
+def _to_true_headings(settings: ObserverSettings, headings: Sequence[HeadingSample]) -> list[TrueHeadingSample]:
+    """Return the finite samples of the known compasses with their headings from true north."""
+    return [
+        TrueHeadingSample(sample.t_s, observer.true_heading_rad(settings, sample), sample.heading_rad, sample.source)
+        for sample in headings
+        if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
+    ]
 
 
 def _heading_to_steer_by(
