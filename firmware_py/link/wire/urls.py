@@ -161,16 +161,20 @@ def parse_url(text: str) -> LinkUrl:
     return LinkUrl(kind, host, int(number), text, options)
 
 
+# Python raises LookupError if it cannot load the codec of host names, for example without a free file descriptor.
+HOST_ERRORS = (OSError, UnicodeError, LookupError)
+
+
 def resolve(url: LinkUrl) -> tuple[str, int]:
     """Return the first numeric IPv4 address and the port of a URL; raise LinkError for an unknown host. May block."""
     try:
         return addresses_of(url)[0], url.number
-    except (OSError, UnicodeError) as error:
+    except HOST_ERRORS as error:
         raise LinkError(f"link {url.text!r}: host {url.host!r} is not known ({error}); use its IPv4 address") from error
 
 
 def addresses_of(url: LinkUrl) -> tuple[str, ...]:
-    """Return the numeric IPv4 addresses of a URL, at least one; raise OSError or UnicodeError for an unknown host."""
+    """Return the numeric IPv4 addresses of a URL, at least one; raise one of HOST_ERRORS for an unknown host."""
     if is_numeric(url.host):  # needs neither a name server nor files, of which a process may have no more
         return (url.host,)
     infos = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
@@ -222,5 +226,5 @@ class HostLookup:
                 return
             try:
                 self.addresses = addresses_of(self._url)
-            except (OSError, UnicodeError):
+            except HOST_ERRORS:
                 continue  # the former address may still be valid

@@ -195,8 +195,8 @@ class NameServer:
 
     def look_up(self, _url):
         self.queries += 1
-        if not self.addresses:
-            raise OSError("no answer")
+        if isinstance(self.addresses, Exception):
+            raise self.addresses
         return self.addresses
 
 
@@ -215,8 +215,10 @@ def test_silent_target_is_looked_up_again(open_udp, monkeypatch):
     transport = open_udp("udpout:station.example:14550")
     names.addresses = ("127.0.0.3", "127.0.0.4")
     poll(transport, range(61), lambda: transport.addresses() == (("127.0.0.3", 14550),))
-    for start_s, addresses in [(61, ("127.0.0.4", "127.0.0.3")), (122, ())]:  # the address is kept while it is valid
-        names.addresses, queries = addresses, names.queries
+    # The address is kept while it is valid, and during any failure.
+    answers = [("127.0.0.4", "127.0.0.3"), OSError("no answer"), LookupError("unknown encoding: idna"), OSError()]
+    for start_s, answer in zip((61, 122, 183, 244), answers, strict=True):
+        names.addresses, queries = answer, names.queries
         poll(transport, range(start_s, start_s + 61), lambda queries=queries: names.queries > queries)
         transport.poll(start_s + 60.5)
     assert transport.addresses() == (("127.0.0.3", 14550),)

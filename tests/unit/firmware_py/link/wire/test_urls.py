@@ -121,3 +121,13 @@ def test_numeric_host_needs_no_lookup(monkeypatch):
     """A lookup imports codecs and opens files; at the limit of open files it ended the start with a traceback."""
     monkeypatch.setattr("socket.getaddrinfo", None)
     assert resolve(parse_url("udpout:127.0.0.1:14550")) == ("127.0.0.1", 14550)
+
+
+@pytest.mark.parametrize("error", [OSError("no answer"), UnicodeError("label too long"), LookupError("no codec")])
+def test_failed_lookup_is_one_line_with_a_remedy(error, monkeypatch):
+    def fail(*_arguments):
+        raise error
+
+    monkeypatch.setattr("socket.getaddrinfo", fail)
+    with pytest.raises(LinkError, match=f"'boat.local' is not known \\({error}\\); use its IPv4 address"):
+        resolve(parse_url("tcp:boat.local:5760"))
