@@ -12,7 +12,7 @@ def make_clock(offset_s=0.0):
     return SimpleNamespace(utc_s=lambda: offset_s, now_s=lambda: 0.0)
 
 
-@pytest.mark.parametrize(("step_s", "state"), [(2.0, RUNNING), (-2.0, RUNNING), (2.1, FAULTY), (-2.1, FAULTY)])
+@pytest.mark.parametrize(("step_s", "state"), [(2.0, RUNNING), (-2.0, RUNNING), (2.001, FAULTY), (-2.001, FAULTY)])
 def test_a_step_of_the_clock_is_reported_for_a_time(step_s, state):
     monitor = ClockMonitor()
     assert monitor.update(make_clock(), 0.0).state is RUNNING
