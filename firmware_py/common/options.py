@@ -16,7 +16,7 @@ _KEY = "option"
 
 
 class OptionMeaning(msgspec.Struct, frozen=True):
-    """Description and range of an option; a text or a list without `choices` is not restricted."""
+    """Description and range of an option; a text or the items of a list without `choices` are not restricted."""
 
     text: str
     minimum: float = -math.inf
@@ -57,6 +57,8 @@ def _problem_of(value: Any, row: Field[Any], kind: Any) -> str:
         return (
             f"{row.name}: {unknown[0][:30]!r} is not known; use one of {', '.join(meaning.choices)}" if unknown else ""
         )
+    if isinstance(value, str) and meaning.choices and value not in meaning.choices:
+        return f"{row.name}: {value[:30]!r} is not known; use one of {', '.join(meaning.choices)}"
     if kind is int and not isinstance(value, int):
         return f"{row.name}: {value} is not a whole number"
     if isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:

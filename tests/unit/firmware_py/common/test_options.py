@@ -16,19 +16,20 @@ class Lamp:
     dimmed: bool = option("dimmed", default=False)
     colours: tuple[str, ...] = option("colours", default=(), choices=("red", "green"))
     height_m: float | None = option("height", default=None, minimum=0.0, maximum=30.0)
+    mode: str = option("mode", default="fixed", choices=("fixed", "blinking"))
 
     def __post_init__(self):
         check(self)
 
 
 def test_missing_options_have_their_defaults():
-    assert record_from(Lamp, {"socket": "mast"}) == Lamp("mast", 5.0, 1, False, (), None)
+    assert record_from(Lamp, {"socket": "mast"}) == Lamp("mast", 5.0, 1, False, (), None, "fixed")
 
 
 def test_values_are_converted_to_the_types_of_the_record():
     values = {"socket": "bow", "power_w": 6, "number": 2.0, "dimmed": True, "colours": ["red"], "height_m": 3}
-    lamp = record_from(Lamp, values)
-    assert lamp == Lamp("bow", 6.0, 2, True, ("red",), 3.0)
+    lamp = record_from(Lamp, values | {"mode": "blinking"})
+    assert lamp == Lamp("bow", 6.0, 2, True, ("red",), 3.0, "blinking")
     assert (type(lamp.power_w), type(lamp.number)) == (float, int)
 
 
@@ -49,6 +50,7 @@ def test_values_are_converted_to_the_types_of_the_record():
         ({"socket": "x", "colours": "red"}, "colours: expected a list of texts"),
         ({"socket": "x", "colours": ["red", "blue"]}, "colours: 'blue' is not known; use one of red, green"),
         ({"socket": "x", "height_m": 31}, "height_m: 31 is out of range; allowed: 0 to 30"),
+        ({"socket": "x", "mode": "off"}, "mode: 'off' is not known; use one of fixed, blinking"),
     ],
 )
 def test_error_of_an_invalid_option_names_it(values, problem):
@@ -63,5 +65,5 @@ def test_record_created_without_a_file_is_checked():
 
 
 def test_meanings_have_description_and_range():
-    assert list(meanings(Lamp)) == ["socket", "power_w", "number", "dimmed", "colours", "height_m"]
+    assert list(meanings(Lamp)) == ["socket", "power_w", "number", "dimmed", "colours", "height_m", "mode"]
     assert meanings(Lamp)["power_w"] == OptionMeaning("power", 0.5, 60.0)
