@@ -135,11 +135,13 @@ $(BUNDLE_READY): .ci/constraints.txt | $(VENV_READY)
 	@$(PIP) msgspec
 	@touch $@
 
-# The locked packages as wheels, with pip and a list of all hashes; for this computer, or those that FOR names.
+# The locked packages as wheels, with pip and a list of all hashes; for this computer, or those that FOR names. DRIVERS:
+# wheels of driver packages of other authors, which bundle and bill of materials then contain.
 FOR ?=
+DRIVERS ?=
 SIGN ?=
 bundle: $(BUNDLE_READY)
-	@$(BIN)/python .ci/bundle.py $(if $(FOR),--for $(FOR)) $(if $(SIGN),--sign $(SIGN))
+	@$(BIN)/python .ci/bundle.py $(if $(FOR),--for $(FOR)) $(if $(DRIVERS),--drivers $(DRIVERS)) $(if $(SIGN),--sign $(SIGN))
 
 # From an environment made of the lock alone, so that it lists only what the onboard computer has.
 sbom: $(SUPPLY_READY)
@@ -147,6 +149,7 @@ sbom: $(SUPPLY_READY)
 	@$(BIN)/python -m venv --without-pip $(ONBOARD_VENV)
 	@$(BIN)/python -m pip --python $(ONBOARD_VENV)/bin/python install --quiet --disable-pip-version-check --no-compile \
 	  --require-hashes -r $(ONBOARD_LOCK)
+	@$(if $(DRIVERS),$(BIN)/python -m pip --python $(ONBOARD_VENV)/bin/python install --quiet --no-compile --no-deps $(DRIVERS))
 	@$(BIN)/cyclonedx-py environment $(ONBOARD_VENV)/bin/python --pyproject pyproject.toml --mc-type firmware \
 	  --output-reproducible --output-format JSON --output-file build/sbom.json
 	@echo "build/sbom.json"

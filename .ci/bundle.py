@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
 """Make a bundle that `rambler update` installs without a network: build/rambler-VERSION-COMMIT-MACHINE-PYTHON.bundle.
 
-    bundle.py [--for MACHINE:PYTHON ...] [--sign KEY] [--out DIR]      example: --for aarch64:3.13 aarch64:3.11
+    bundle.py [--for MACHINE:PYTHON ...] [--drivers WHEEL ...] [--sign KEY] [--out DIR]
+
+Example: --for aarch64:3.13 aarch64:3.11 --drivers dist/rambler_os5000-1.0-py3-none-any.whl
 
 The bundle contains the locked packages (.ci/requirements-onboard.txt) as wheels for these computers (default: this
-one), the wheel of the autopilot, pip, and a list with the SHA-256 of each file. With --sign, ssh-keygen signs the list.
+one), the wheel of the autopilot, the wheels of driver packages, pip, and a list with the SHA-256 of each file. With
+--sign, ssh-keygen signs the list. What a driver package needs beyond the locked packages is also given as a wheel.
 """
 
 from __future__ import annotations
@@ -38,7 +41,6 @@ GLIBC_VERSIONS = (
     "2_24",
     "2_17",
 )  # the newest that a float must have, and older ones that also run on it
-OWN_PACKAGE = "rambler-autopilot"
 # Computers for which the locked packages exist as wheels.
 MACHINES, PYTHONS = ("aarch64", "x86_64"), ("3.11", "3.12", "3.13", "3.14")
 
@@ -48,6 +50,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     this_computer = f"{platform.machine()}:{sys.version_info.major}.{sys.version_info.minor}"
     parser.add_argument("--for", dest="computers", metavar="MACHINE:PYTHON", nargs="*", default=[])
+    parser.add_argument("--drivers", metavar="WHEEL", type=Path, nargs="*", default=[])
     parser.add_argument("--sign", metavar="KEY", type=Path)
     parser.add_argument("--out", metavar="DIR", type=Path, default=ROOT / "build")
     arguments = parser.parse_args()
@@ -57,8 +60,11 @@ def main() -> int:
         if machine not in MACHINES or python not in PYTHONS:
             targets = f"MACHINE:PYTHON of {', '.join(MACHINES)} and {', '.join(PYTHONS)}, such as aarch64:3.13"
             return print_refusal(f"{computer} is not supported; use {targets}")
+    for wheel in arguments.drivers:
+        if not wheel.is_file() or wheel.suffix != ".whl" or wheel.name.count("-") < 4:
+            return print_refusal(f"{wheel} is not a wheel; make one: pip wheel --no-deps FOLDER")
     try:
-        make_bundle(computers, arguments.out, arguments.sign)
+        make_bundle(computers, arguments.out, arguments.sign, arguments.drivers)
     except subprocess.CalledProcessError as error:
         return print_refusal(f"{error.cmd[0]} {' '.join(error.cmd[1:5])} ... failed; its messages are above")
     return 0
@@ -70,7 +76,7 @@ def print_refusal(reason: str) -> int:
     return 2
 
 
-def make_bundle(computers: Sequence[str], out: Path, key: Path | None) -> None:
+def make_bundle(computers: Sequence[str], out: Path, key: Path | None, drivers: Sequence[Path] = ()) -> None:
     """Make a bundle for these computers and print its path; raise CalledProcessError if a program fails."""
     with tempfile.TemporaryDirectory() as name:
         wheels = Path(name)
@@ -82,10 +88,9 @@ def make_bundle(computers: Sequence[str], out: Path, key: Path | None) -> None:
         requirements.unlink()
         run_pip("wheel", "--no-deps", "--wheel-dir", wheels, ROOT)
         own_wheel = next(wheels.glob("rambler_autopilot-*.whl"))
-        text = (
-            f"{LOCK_FILE.read_text()}{OWN_PACKAGE}=={__version__} --hash=sha256:{sha256_of(own_wheel.read_bytes())}\n"
-        )
-        (wheels / LOCK).write_text(text)
+        for wheel in drivers:
+            shutil.copy(wheel, wheels)
+        (wheels / LOCK).write_text("".join([LOCK_FILE.read_text(), *map(lock_line, [own_wheel, *drivers])]))
         commit = commit_of(ROOT)
         out.mkdir(exist_ok=True)
         target = out / f"rambler-{__version__}-{commit}-{'_'.join(computers).replace(':', '-')}.bundle"
@@ -114,6 +119,12 @@ def commit_utc_s() -> int:
     git = shutil.which("git") or "git"
     command = [git, "-C", str(ROOT), "show", "--no-patch", "--format=%ct", "HEAD"]
     return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)  # noqa: S603 - fixed arguments
+
+
+def lock_line(wheel: Path) -> str:
+    """Return the line of a wheel in the list of requirements: package, version and hash."""
+    package, version = wheel.name.split("-")[:2]
+    return f"{package.replace('_', '-')}=={version} --hash=sha256:{sha256_of(wheel.read_bytes())}\n"
 
 
 def sha256_of(content: bytes) -> str:

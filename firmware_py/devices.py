@@ -1,134 +1,103 @@
-"""Registry of drivers by their names in vehicle files."""
+"""Registry of drivers by their names in vehicle files.
+
+The drivers of this program are listed here. Packages of other authors add drivers by entry points of the group
+`rambler.drivers`, such as `compass.acme` (docs/how-to/compass-driver.md).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final, TypeVar
 
-from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
-from firmware_py.sensors.decode import CaptureFormat, Result
+from firmware_py.common.driver import INTERFACE, CaptureFormat, Driver
+from firmware_py.common.interfaces import Calibrator, Compass, Position, Power, Rudder, Vessels
+from firmware_py.common.options import record_from
+from firmware_py.common.records import DeviceRole, HeadingSample, PositionSample, PowerSample, RudderFeedback
+from firmware_py.common.vessels import VesselIdentity, VesselPosition
+from firmware_py.guarded_device import GuardedDevice
+from firmware_py.registry import PackageError, Registry
 
 DeviceT = TypeVar("DeviceT")
 
-
-@dataclass(frozen=True, slots=True)
-class Code(Generic[DeviceT]):
-    """Code of a driver: its option record (common.options), and a factory that creates it from a line and that record.
-
-    `calibrator` returns the calibrator of a device, None if it has none; `capture` is the format for `rambler decode`.
-    """
-
-    options: type[Any]
-    make: Callable[[ByteLine, Any], DeviceT]
-    calibrator: Callable[[Any], Calibrator] | None = None
-    capture: CaptureFormat | None = None
+GROUP: Final = "rambler.drivers"
 
 
 @dataclass(frozen=True, slots=True)
-class Driver(Generic[DeviceT]):
-    """A driver, whose code is imported on first use, because a boat has only some of the devices.
-
-    A driver that `writes` to its device needs a serial port; the others can also read from the network.
-    """
-
-    device: str
-    code: Callable[[], Code[DeviceT]]
-    writes: bool = False
-
-    @property
-    def options(self) -> type[Any]:
-        """The option record."""
-        return self.code().options
-
-    @property
-    def make(self) -> Callable[[ByteLine, Any], DeviceT]:
-        """The factory: creates the driver from a line and an option record."""
-        return self.code().make
+class NoOptions:
+    """Option record of a driver without options."""
 
 
-def _load_nmea_compass() -> Code[Compass]:
-    from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
-    from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
+class DriverRegistry(Registry[Driver[DeviceT]]):
+    """The drivers of one kind of device; those of packages are guarded (guarded_device.py)."""
 
-    return Code(NmeaCompassOptions, NmeaCompass, capture=CAPTURE_FORMAT)
+    def __init__(self, kind: str, role: DeviceRole, samples: tuple[type[Any], ...], own: Mapping[str, str]) -> None:
+        """Define the kind: the role of its health records and the classes of its samples."""
+        super().__init__(GROUP, kind, own, Driver, INTERFACE)
+        self._role = role
+        self._samples = samples
 
+    def __getitem__(self, name: str) -> Driver[DeviceT]:
+        """Import and return a driver; raise KeyError for an unknown name.
 
-def _load_pni() -> Code[Compass]:
-    from firmware_py.sensors.pni_reading import CAPTURE_FORMAT
-    from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
-
-    return Code(PniOptions, PniCompass, calibrator=lambda compass: compass, capture=CAPTURE_FORMAT)
-
-
-def _load_mti() -> Code[Compass]:
-    from firmware_py.sensors.mti import MtiCompass, MtiOptions
-    from firmware_py.sensors.mti_reading import CAPTURE_FORMAT
-
-    return Code(MtiOptions, MtiCompass, capture=CAPTURE_FORMAT)
-
-
-def _load_nmea_position() -> Code[Position]:
-    from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
-    from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
-
-    return Code(NmeaPositionOptions, NmeaPosition, capture=CAPTURE_FORMAT)
+        The driver of an unusable package has a `problem`; the device that it creates is faulty and names it.
+        """
+        if name in self.own:
+            return super().__getitem__(name)
+        try:
+            driver = super().__getitem__(name)
+            _check_options_record(driver.options, self.package_of(name))
+        except PackageError as error:
+            driver = Driver(interface=INTERFACE, device="", options=NoOptions, make=_fail, problem=str(error))
+        make: Any = partial(GuardedDevice, driver, self._role, self._samples, self.package_of(name))
+        return replace(driver, make=make, calibrator=None)
 
 
-def _load_ubx() -> Code[Position]:
-    from firmware_py.sensors.ubx import UbxOptions, UbxPosition
-    from firmware_py.sensors.ubx_protocol import CAPTURE_FORMAT
-
-    return Code(UbxOptions, lambda line, _options: UbxPosition(line), capture=CAPTURE_FORMAT)
+def _fail(*_arguments: Any) -> Any:
+    """Stand in for the factory of an unusable driver, which is never called."""
+    raise NotImplementedError
 
 
-def _load_dynamixel() -> Code[Rudder]:
-    from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
-
-    return Code(DynamixelOptions, dynamixel_rudder)
-
-
-def _load_volz() -> Code[Rudder]:
-    from firmware_py.actuator.volz import VolzOptions, volz_rudder
-
-    return Code(VolzOptions, volz_rudder)
+def _check_options_record(kind: type[Any], package: str) -> None:
+    """Raise PackageError unless the option record of a package can be read from a vehicle file without any option."""
+    try:
+        record_from(kind, {})
+    except Exception as error:  # noqa: BLE001 - code of another author
+        raise PackageError(f"package {package}: option record: {type(error).__name__}: {error}"[:160]) from None
 
 
-def _load_vedirect() -> Code[Power]:
-    from firmware_py.sensors.vedirect import VeDirectOptions, VeDirectPower
-    from firmware_py.sensors.vedirect_blocks import CAPTURE_FORMAT
-
-    return Code(VeDirectOptions, lambda line, _options: VeDirectPower(line), capture=CAPTURE_FORMAT)
-
-
-def _load_ais() -> Code[Vessels]:
-    from firmware_py.sensors.ais import AisOptions, AisReceiver
-
-    return Code(AisOptions, AisReceiver)
-
-
-COMPASSES: Mapping[str, Driver[Compass]] = {
-    "nmea": Driver("NMEA 0183 compasses (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _load_nmea_compass),
-    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _load_pni, writes=True),
-    "mti": Driver("Xsens (Movella) MTi", _load_mti, writes=True),
-}
-POSITIONS: Mapping[str, Driver[Position]] = {
-    "nmea": Driver("NMEA 0183 receivers (RMC, GGA, GNS, GLL, VTG, ZDA)", _load_nmea_position),
-    "ubx": Driver("u-blox receivers that send NAV-PVT", _load_ubx),
-}
-RUDDERS: Mapping[str, Driver[Rudder]] = {
-    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _load_dynamixel, writes=True),
-    "volz": Driver("Volz DA", _load_volz, writes=True),
-}
-POWERS: Mapping[str, Driver[Power]] = {
-    "vedirect": Driver("Victron chargers and battery monitors with VE.Direct (MPPT, SmartShunt, BMV)", _load_vedirect),
-}
-AIS: Mapping[str, Driver[Vessels]] = {
-    "nmea": Driver("AIS receivers and transponders (VDM, VDO), also mixed with sentences of other devices", _load_ais),
-}
+COMPASSES: DriverRegistry[Compass] = DriverRegistry(
+    "compass",
+    DeviceRole.COMPASS,
+    (HeadingSample,),
+    {
+        "nmea": "firmware_py.sensors.nmea_compass:DRIVER",
+        "pni_tcm": "firmware_py.sensors.pni_tcm:DRIVER",
+        "mti": "firmware_py.sensors.mti:DRIVER",
+    },
+)
+POSITIONS: DriverRegistry[Position] = DriverRegistry(
+    "position",
+    DeviceRole.POSITION,
+    (PositionSample,),
+    {"nmea": "firmware_py.sensors.nmea_position:DRIVER", "ubx": "firmware_py.sensors.ubx:DRIVER"},
+)
+RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
+    "rudder",
+    DeviceRole.RUDDER,
+    (RudderFeedback,),
+    {"dynamixel": "firmware_py.actuator.dynamixel:DRIVER", "volz": "firmware_py.actuator.volz:DRIVER"},
+)
+POWERS: DriverRegistry[Power] = DriverRegistry(
+    "power", DeviceRole.POWER, (PowerSample,), {"vedirect": "firmware_py.sensors.vedirect:DRIVER"}
+)
+AIS: DriverRegistry[Vessels] = DriverRegistry(
+    "ais", DeviceRole.AIS, (VesselPosition, VesselIdentity), {"nmea": "firmware_py.sensors.ais:DRIVER"}
+)
 
 # Drivers of each section of a vehicle file.
-SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
+SECTIONS: Mapping[str, DriverRegistry[Any]] = {
     "compass": COMPASSES,
     "compass_b": COMPASSES,
     "position": POSITIONS,
@@ -138,25 +107,38 @@ SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "ais": AIS,
 }
 
-# Drivers by capture formats of `rambler decode`.
-CAPTURE_FORMATS: Mapping[str, Driver[Any]] = {
-    "nmea": COMPASSES["nmea"],
-    "pni": COMPASSES["pni_tcm"],
-    "mti": COMPASSES["mti"],
-    "ubx": POSITIONS["ubx"],
-    "vedirect": POWERS["vedirect"],
+# Drivers by capture formats of `rambler decode`: registry and name.
+CAPTURE_FORMATS: Mapping[str, tuple[DriverRegistry[Any], str]] = {
+    "nmea": (COMPASSES, "nmea"),
+    "pni": (COMPASSES, "pni_tcm"),
+    "mti": (COMPASSES, "mti"),
+    "ubx": (POSITIONS, "ubx"),
+    "vedirect": (POWERS, "vedirect"),
 }
 
 
 def calibrator_of(name: str, compass: Compass) -> Calibrator | None:
     """Return the calibrator of a compass of this driver, None if it has none."""
-    calibrator = COMPASSES[name].code().calibrator
+    calibrator = COMPASSES[name].calibrator
     return None if calibrator is None else calibrator(compass)
 
 
-def decode(name: str, data: bytes) -> Iterator[Result]:
+def find_capture(name: str) -> CaptureFormat:
+    """Return a capture format: one of this program, or that of a driver of a package by the name of the driver.
+
+    Raises ValueError for an unknown name.
+    """
+    if name in CAPTURE_FORMATS:
+        registry, driver = CAPTURE_FORMATS[name]
+        captures = [registry[driver].capture]
+    else:
+        captures = [rows[name].capture for rows in SECTIONS.values() if name not in rows.own and name in rows]
+    for capture in captures:
+        if capture is not None:
+            return capture
+    raise ValueError(f"unknown capture format {name[:20]!r}; use one of {', '.join(CAPTURE_FORMATS)}")
+
+
+def decode(name: str, data: bytes) -> Iterator[dict[str, Any]]:
     """Yield a result (sensors.decode) for each message of a capture; ValueError for an unknown format."""
-    if name not in CAPTURE_FORMATS:
-        raise ValueError(f"unknown capture format {name[:20]!r}; use one of {', '.join(CAPTURE_FORMATS)}")
-    capture = CAPTURE_FORMATS[name].code().capture
-    return iter(()) if capture is None else capture.decode(data)
+    return find_capture(name).decode(data)

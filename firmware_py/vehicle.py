@@ -217,12 +217,14 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
         raise VehicleError(f"{location} driver is missing; use one of {', '.join(drivers)}")
     if not isinstance(driver, str) or driver not in drivers:
         raise VehicleError(f"{location} driver {str(driver)[:60]!r} is not known; use one of {', '.join(drivers)}")
-    kind = drivers[driver].options
-    own = {key: value for key, value in section.items() if key not in _CONNECTION}
+    found = drivers[driver]
+    kind = found.options
+    # The options of an unusable driver cannot be checked; the boat starts without this device.
+    own = {key: value for key, value in section.items() if key not in _CONNECTION and not found.problem}
     names = tuple(row.name for row in fields(kind))
     connection_values = {key: section[key] for key in _CONNECTION if key in section}
     by_network = str(section.get("port")).startswith(NETWORK)
-    if by_network and drivers[driver].writes:
+    if by_network and found.writes:
         raise VehicleError(f"{location} port: driver {driver} writes to its device and needs a serial port")
     _, values = _read_all(
         {

@@ -38,6 +38,7 @@ from firmware_py.actuator.dynamixel_configuration import Configurator, Kind, Req
 from firmware_py.actuator.dynamixel_readings import Readings
 from firmware_py.actuator.half_duplex import reply_timeout_s
 from firmware_py.actuator.servo_driver import ReplyResult, ServoDriver
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceState, RudderFeedback
@@ -293,3 +294,12 @@ def dynamixel_rudder(line: ByteLine, options: DynamixelOptions) -> ServoDriver[R
     """Return the driver of a Dynamixel servo on a line."""
     timeout_s = reply_timeout_s(line.baud, MAX_EXCHANGE_BYTES)
     return ServoDriver(line, DynamixelServo(options, timeout_s), reply_timeout_s=timeout_s)
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="Robotis Dynamixel X, protocol 2.0",
+    options=DynamixelOptions,
+    make=dynamixel_rudder,
+    writes=True,
+)

@@ -22,6 +22,7 @@ import msgspec
 from firmware_py.actuator import volz_frames as frames
 from firmware_py.actuator.half_duplex import ReadingWindow, reply_timeout_s
 from firmware_py.actuator.servo_driver import ReplyResult, ServoDriver
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceState, RudderFeedback
@@ -150,3 +151,6 @@ def volz_rudder(line: ByteLine, options: VolzOptions) -> ServoDriver[Request, fr
     """Return the driver of a Volz servo on a line."""
     timeout_s = reply_timeout_s(line.baud, MAX_EXCHANGE_BYTES)
     return ServoDriver(line, VolzServo(options), reply_timeout_s=timeout_s)
+
+
+DRIVER = Driver(interface=INTERFACE, device="Volz DA", options=VolzOptions, make=volz_rudder, writes=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 
+from firmware_py.common.driver import Driver
 from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
 from firmware_py.common.records import DeviceRole
-from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
+from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, SECTIONS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.system.network_line import TcpLine, UdpLine
@@ -123,6 +125,22 @@ def shared_port_warnings(lines: Sequence[Line]) -> Sequence[str]:
     """Return a warning for each port that is also open in another program."""
     users = find_port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
     return [f"Port {path}: also open in {names}; end that program" for path, names in users.items()]
+
+
+def package_drivers(vehicle: Vehicle) -> Mapping[str, Driver[Any]]:
+    """Return the drivers of installed packages that the vehicle file names, by section."""
+    entries = {section: getattr(vehicle, section) for section in SECTIONS}
+    return {
+        section: SECTIONS[section][entry.driver]
+        for section, entry in entries.items()
+        if entry is not None and entry.driver not in SECTIONS[section].own
+    }
+
+
+def driver_problems(vehicle: Vehicle) -> Sequence[str]:
+    """Return a text for each driver of a package that cannot be used; the boat runs without its device."""
+    drivers = package_drivers(vehicle)
+    return [f"[{section}]: {driver.problem}" for section, driver in drivers.items() if driver.problem]
 
 
 def close_all(lines: Sequence[Line]) -> None:

@@ -51,6 +51,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "two programs read one port: each gets a part of the bytes",
         "end that program, or exclude it from the port, and restart",
     ),
+    "[<section>]: package <name> <version> <problem>": (
+        "the driver package of a device cannot be used; the boat runs without that device",
+        "do what the text says, and restart; `rambler check` repeats it",
+    ),
     "watchdog <path>: <problem>": (
         "the hardware watchdog is not available as configured; steering continues",
         "see the hardware watchdog on the page for float computers; systemd may already use it",

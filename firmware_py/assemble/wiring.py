@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from firmware_py import ROOT, __version__, start_commit_query
-from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_port_warnings
+from firmware_py.assemble.devices import (
+    Line,
+    close_all,
+    driver_problems,
+    open_devices,
+    open_lines,
+    shared_port_warnings,
+)
 from firmware_py.assemble.logs import file_root, log_recorder, with_corrected_times
 from firmware_py.assemble.nmea_outputs import connect_nmea_outputs, open_nmea_outputs, status_reader
 from firmware_py.assemble.status import report_status
@@ -103,6 +110,8 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
+    for text in driver_problems(vehicle):
+        say(text)
     for text in shared_port_warnings(lines) if options.lockstep is None else ():
         say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None

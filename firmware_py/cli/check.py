@@ -62,6 +62,7 @@ def _run_checks(vehicle: Vehicle, directory: Path, urls: tuple[str, ...]) -> Ite
     # check_parameters reports the problems.
     parameters = preflight.parameters_in_force(vehicle, directory, lambda _problem: None)
     return preflight.chain_checks(
+        lambda: preflight.check_drivers(vehicle),
         lambda: preflight.check_parameters(vehicle, directory),
         lambda: preflight.check_state(directory),
         lambda: preflight.check_storage(directory, parameters),

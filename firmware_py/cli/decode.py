@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from firmware_py.cli.errors import print_error
-from firmware_py.devices import CAPTURE_FORMATS, decode
+from firmware_py.devices import CAPTURE_FORMATS, find_capture
 from firmware_py.files.reading import read_regular
 from firmware_py.sensors.decode import format_text
 
@@ -17,7 +17,9 @@ MAX_CAPTURE_BYTES = 256 << 20  # compass data of several days
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument(
-        "kind", metavar="KIND", choices=CAPTURE_FORMATS, help=f"format of the capture: {' | '.join(CAPTURE_FORMATS)}"
+        "kind",
+        metavar="KIND",
+        help=f"format of the capture: {' | '.join(CAPTURE_FORMATS)}, or the driver of an installed package",
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="recorded bytes of the device")
     parser.add_argument("--json", action="store_true", help="print one JSON object per line")
@@ -29,11 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
     A capture without messages is no failure: it gives a note on standard error and exit code 0.
     """
     try:
+        capture = find_capture(arguments.kind)
+    except ValueError as error:
+        return print_error("decode", str(error))
+    try:
         data = read_regular(arguments.file, MAX_CAPTURE_BYTES)
     except OSError as error:
         return print_error("decode", f"{arguments.file}: cannot be read: {error.strerror}")
     count = 0
-    for result in decode(arguments.kind, data):
+    for result in capture.decode(data):
         print(json.dumps(result) if arguments.json else format_text(result))
         count += 1
     if not count:

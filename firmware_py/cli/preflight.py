@@ -14,13 +14,14 @@ from typing import Any
 
 import msgspec
 
-from firmware_py.assemble.devices import shared_port_warnings
+from firmware_py.assemble.devices import driver_problems, package_drivers, shared_port_warnings
 from firmware_py.assemble.wiring import vehicle_parameters
 from firmware_py.cli.state_owner import describe_user, find_foreign_files
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_bytes as resume_from_bytes
+from firmware_py.devices import SECTIONS
 from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.access import Gate, is_open_to_anyone
@@ -74,6 +75,16 @@ def parameters_in_force(vehicle: Vehicle, directory: Path, report_problem: Calla
     for name, value in load_parameters(StateFiles(directory), report_problem)[0].items():
         parameters = parameters.replaced(name, value)
     return parameters
+
+
+def check_drivers(vehicle: Vehicle) -> Iterator[Finding]:
+    """Name the drivers of installed packages; one that cannot be used leaves the boat without its device."""
+    yield from (Finding(Level.FAIL, "drivers", text) for text in driver_problems(vehicle))
+    for section, driver in package_drivers(vehicle).items():
+        if not driver.problem:
+            name = getattr(vehicle, section).driver
+            package = SECTIONS[section].package_of(name)
+            yield Finding(Level.PASS, "drivers", f"[{section}]: {name} of the installed package {package}")
 
 
 def check_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ import sys
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -24,6 +25,7 @@ _CONFIG = "pyvenv.cfg"
 _CREATED_NAME = re.compile(rf"{SERVICE_NAME}-\d.*-[0-9a-f]{{8}}")  # names from new_environment
 _RESERVE_BYTES = 50_000_000  # for the autopilot, which may use the same disk
 _COMPILED_FACTOR = 1.6  # by which compiled modules increase the size
+DRIVER_GROUP: Final = "rambler.drivers"  # entry points of packages with drivers, as in devices.py
 _TIMEOUT_S = 1200.0
 _MAX_CONFIG_BYTES, _MAX_LIST_BYTES = 1 << 16, 1 << 20
 
@@ -66,6 +68,28 @@ def read_environment(program: Path) -> Environment:
             "by hand (docs/how-to/installation.md, A board without wheels) and point the link to it"
         )
     return environment
+
+
+def check_driver_packages(environment: Environment, bundle: Bundle) -> list[str]:
+    """Return name and version of the driver packages that are installed in an environment.
+
+    Raises UpdateError if the bundle lacks one of them, because the boat would lose the device.
+    """
+    from importlib.metadata import distributions  # noqa: PLC0415 - takes long to import, and only an update needs it
+
+    folders = [str(path) for path in environment.path.glob("lib/python*/site-packages")]
+    names = []
+    for package in distributions(path=folders):
+        if not package.entry_points.select(group=DRIVER_GROUP):
+            continue
+        names.append(f"{package.name} {package.version}")
+        prefix = f"{re.sub('[-_.]+', '_', package.name).lower()}-"
+        if not any(name.lower().startswith(prefix) and name.endswith(".whl") for name in bundle.files):
+            raise UpdateError(
+                f"the bundle lacks the installed driver package {names[-1]}; make bundle DRIVERS=WHEEL, "
+                f"or remove the package from {environment.path}"
+            )
+    return names
 
 
 def new_environment(environment: Environment, bundle: Bundle) -> Environment:

@@ -117,18 +117,18 @@ def _check_program(candidate: Candidate) -> str:
 
 
 def _check_state(candidate: Candidate) -> str:
-    """Check that the program reads the vehicle file and the copy of the state; ignore findings about ports."""
+    """Check that the program reads the vehicle file, its drivers and the copy of the state; ignore ports."""
     arguments = ["check", str(candidate.vehicle_without_ports), "--state", str(candidate.copy), "--json"]
     process = _run([str(candidate.environment.program), *arguments])
     try:
         findings = json.loads(process.stdout)["findings"]
-        relevant = [finding for finding in findings if finding["subject"] in ("parameters", "state")]
+        relevant = [finding for finding in findings if finding["subject"] in ("drivers", "parameters", "state")]
         errors = [str(finding["text"]) for finding in relevant if finding["level"] == "fail"]
         notes = [str(finding["text"]) for finding in relevant if finding["level"] == "warn"]
     except (ValueError, KeyError, TypeError):
         raise UpdateError(f"the preflight check of the new version fails: {_last_line(process)}") from None
     if errors:
-        raise UpdateError(f"the new version cannot use the state: {errors[0]}")
+        raise UpdateError(f"the new version cannot be used: {errors[0]}")
     return "; ".join(notes) or "read completely"
 
 

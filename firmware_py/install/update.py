@@ -56,6 +56,8 @@ def update(
             trust = "signed" if signers is not None else "hashes correct, signature not required"
             report(f"{bundle_file.name}: {bundle.title}, {trust}")
             check_computer(bundle)
+            for package in environments.check_driver_packages(current, bundle):
+                report(f"driver package {package}: the bundle contains it")
             _check_age(bundle, current, permissions, report)
             new = environments.new_environment(current, bundle)
             if new == current:

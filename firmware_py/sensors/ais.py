@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole
@@ -124,3 +125,11 @@ class AisReceiver:
         if payload.mmsi == self._own_mmsi:
             raise MessageError(RANGE, f"another station uses the boat's MMSI {payload.mmsi:09d}")
         return decode_reports(payload, now_s)
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="AIS receivers and transponders (VDM, VDO), also mixed with sentences of other devices",
+    options=AisOptions,
+    make=AisReceiver,
+)

@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import msgspec
-
 from firmware_py.sensors.binary_framing import Packet, PacketFramer
 from firmware_py.sensors.message_error import MessageError
 
@@ -27,13 +25,6 @@ CHUNK_BYTES = 4096
 _SHORT_NAMES = (("heading_true_deg", "true_deg"), ("heading_magnetic_deg", "magnetic_deg"))
 _INTEGER_VALUES = frozenset({"satellites", "quality"})
 _DECIMAL_PLACES = 9  # 0.1 mm on the ground; removes binary rounding errors of degrees
-
-
-class CaptureFormat(msgspec.Struct, frozen=True):
-    """A protocol of `rambler decode`: its name, and a function that yields one result per message of a capture."""
-
-    name: str
-    decode: Callable[[bytes], Iterator[Result]]
 
 
 def split_chunks(data: bytes) -> Iterator[bytes]:

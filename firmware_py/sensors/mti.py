@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
@@ -16,7 +17,7 @@ from firmware_py.sensors.binary_framing import Packet
 from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.mti_protocol import EACH_MESSAGE, DataId, Frame, Message
-from firmware_py.sensors.mti_reading import Reading, read_data
+from firmware_py.sensors.mti_reading import CAPTURE_FORMAT, Reading, read_data
 
 REPLY_TIMEOUT_S = 0.5  # without an acknowledgement for this time, the set-up starts again
 DATA_TIMEOUT_S = 1.0  # without an orientation, or after a rejected command, the set-up starts again after this time
@@ -220,3 +221,13 @@ def _make_sample(reading: Reading, heading_magnetic_deg: float, now_s: float) ->
         pitch_rad=None if reading.pitch_deg is None else radians(reading.pitch_deg),
         temperature_c=reading.temperature_c,
     )
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="Xsens (Movella) MTi",
+    options=MtiOptions,
+    make=MtiCompass,
+    writes=True,
+    capture=CAPTURE_FORMAT,
+)

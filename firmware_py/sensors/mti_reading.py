@@ -17,7 +17,8 @@ from collections.abc import Callable, Iterator, Mapping
 import msgspec
 
 from firmware_py.common.angles import degrees, radians
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.common.driver import CaptureFormat
+from firmware_py.sensors.decode import Result, decode_packets, round_values
 from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 from firmware_py.sensors.mti_protocol import (
     FORMAT_BITS,

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.device_monitor import DeviceMonitor
-from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence, Numbers
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
@@ -169,3 +170,12 @@ class NmeaCompass:
 
 def _radians_or_none(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else radians(angle_deg)
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="NMEA 0183 compasses (HDT, HDG, HDM, THS, PASHR, ROT, XDR)",
+    options=NmeaCompassOptions,
+    make=NmeaCompass,
+    capture=CAPTURE_FORMAT,
+)

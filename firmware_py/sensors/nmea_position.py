@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
-from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
@@ -217,3 +218,12 @@ def _decode_fix(decoded: DecodedSentence) -> FixType:
 
 def _to_int(value: float | None) -> int | None:
     return None if value is None else int(value)
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="NMEA 0183 receivers (RMC, GGA, GNS, GLL, VTG, ZDA)",
+    options=NmeaPositionOptions,
+    make=NmeaPosition,
+    capture=CAPTURE_FORMAT,
+)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+from firmware_py.common.driver import CaptureFormat
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.sensors.decode import CaptureFormat, Result, round_values, split_chunks
+from firmware_py.sensors.decode import Result, round_values, split_chunks
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import NO_CHECKSUM, MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence

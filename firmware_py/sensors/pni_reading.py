@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.common.driver import CaptureFormat
+from firmware_py.sensors.decode import Result, decode_packets, round_values
 from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 from firmware_py.sensors.pni_protocol import Component, Frame, create_framer, frame_id, parse_data, payload
 

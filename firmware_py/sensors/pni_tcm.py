@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import (
@@ -24,7 +25,7 @@ from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, D
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
-from firmware_py.sensors.pni_reading import Reading, read_data
+from firmware_py.sensors.pni_reading import CAPTURE_FORMAT, Reading, read_data
 
 COMMAND_INTERVAL_S = 0.05  # the module confirms within milliseconds and has no error reply
 DATA_TIMEOUT_S = 1.0  # after this time without a heading, the module is configured again
@@ -221,3 +222,14 @@ def _make_sample(reading: Reading, heading_magnetic_deg: float, now_s: float) ->
         pitch_rad=None if reading.pitch_deg is None else radians(reading.pitch_deg),
         temperature_c=reading.temperature_c,
     )
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="PNI TCM, Prime and TRAX",
+    options=PniOptions,
+    make=PniCompass,
+    writes=True,
+    calibrator=lambda compass: compass,
+    capture=CAPTURE_FORMAT,
+)

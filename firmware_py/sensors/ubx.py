@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
@@ -14,6 +15,7 @@ from firmware_py.sensors import ubx_protocol as ubx
 from firmware_py.sensors.binary_framing import Packet
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
+from firmware_py.sensors.ubx_protocol import CAPTURE_FORMAT
 
 MAX_SAMPLES = 64  # one read of 4096 bytes contains 40
 MAX_POSITION_ERROR_M = 50.0  # assumed by estimate.position; exceeded after a cold start or under jamming
@@ -105,3 +107,12 @@ def _make_sample(solution: ubx.NavPvt, now_s: float) -> PositionSample:
         satellites=solution.satellites,
         utc_s=solution.utc_s,
     )
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="u-blox receivers that send NAV-PVT",
+    options=UbxOptions,
+    make=lambda line, _options: UbxPosition(line),
+    capture=CAPTURE_FORMAT,
+)

@@ -13,9 +13,10 @@ from collections.abc import Iterator
 
 import msgspec
 
+from firmware_py.common.driver import CaptureFormat
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.sensors.decode import Result, decode_packets, round_values
 from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 
 NAV_PVT = 0x0107

@@ -6,11 +6,12 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import MessageError
-from firmware_py.sensors.vedirect_blocks import Block, BlockFramer, Measurement, read_measurement
+from firmware_py.sensors.vedirect_blocks import CAPTURE_FORMAT, Block, BlockFramer, Measurement, read_measurement
 
 MAX_SAMPLES = 64  # one read of 4096 bytes contains 60
 SILENT_AFTER_S = 5.0  # one block per second; every second block of a monitor contains its history
@@ -84,3 +85,12 @@ def _make_sample(measurement: Measurement, now_s: float) -> PowerSample:
         load_a=measurement.load_a,
         temperature_c=measurement.temperature_c,
     )
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="Victron chargers and battery monitors with VE.Direct (MPPT, SmartShunt, BMV)",
+    options=VeDirectOptions,
+    make=lambda line, _options: VeDirectPower(line),
+    capture=CAPTURE_FORMAT,
+)

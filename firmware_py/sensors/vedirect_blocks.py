@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from firmware_py.sensors.decode import CaptureFormat, Result, round_values, split_chunks
+from firmware_py.common.driver import CaptureFormat
+from firmware_py.sensors.decode import Result, round_values, split_chunks
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, check_range
 
 MAX_BLOCK_BYTES = 1024  # 22 fields of 43 bytes at most

@@ -14,7 +14,7 @@ import numpy as np
 from hil.devices.dynamixel_frame import ALERT_BIT, BROADCAST_ID, Fault, Instruction, Packet, PacketReader, status_packet
 from hil.devices.dynamixel_motor import MotorMonitor
 from hil.devices.dynamixel_table import BAUD_RATES, Address, ControlTable, Register
-from hil.devices.emulator import Shaft
+from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice, Shaft
 from hil.devices.timing import Transmitter, transfer_s
 
 _DELAY_UNIT_S = 2e-6
@@ -268,3 +268,10 @@ _ANSWERED_BROADCASTS = (Instruction.PING, Instruction.SYNC_READ)
 def _first_words(parameters: bytes) -> tuple[int, int]:
     """Return the first two little-endian words."""
     return int.from_bytes(parameters[:2], "little"), int.from_bytes(parameters[2:4], "little")
+
+
+def _make(context: DeviceContext) -> Device:
+    return DynamixelEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
+
+
+EMULATOR = EmulatedDevice(interface=INTERFACE, driver="dynamixel", baud=57600, make=_make)

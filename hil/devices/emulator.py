@@ -6,9 +6,16 @@ and actuators are small Protocols that the world implements.
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
 
 from hil.devices.timing import Transmitter
+
+# Version of the interface between the harness and an emulator: EmulatedDevice, DeviceContext and the protocols below.
+INTERFACE: Final = 1
 
 # Metres per degree of latitude on a sphere of 6371 km, the earth model of the harness. It is deliberately independent
 # of the firmware's common/geodesy: an error in a shared model would not show.
@@ -74,3 +81,44 @@ class Shaft(Protocol):
 
     def set_torque(self, *, on: bool) -> None:
         """Release or engage the motor; a released shaft keeps its angle."""
+
+
+class Surroundings(Attitude, Whereabouts, Protocol):
+    """What the devices of a boat measure and move: the simulated world."""
+
+    disturbances: Any  # hil.ship.disturbances.Disturbances
+
+    @property
+    def shaft(self) -> Shaft:
+        """The shaft that the rudder servo moves."""
+
+    @property
+    def now_s(self) -> float:
+        """The present time of the world."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceContext:
+    """Inputs of an emulator: its section of the vehicle file and the random values of this run."""
+
+    world: Surroundings
+    baud: int
+    options: Any  # of the driver
+    rng: np.random.Generator
+    phase_s: float
+    frequency_error_ppm: float
+    declination_deg: float
+    gaps: np.random.Generator
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedDevice:
+    """The driver of an emulated device, its factory baud rate, and the function that creates it.
+
+    `interface` is the version of the interface that it was written for.
+    """
+
+    interface: int
+    driver: str
+    baud: int
+    make: Callable[[DeviceContext], Device]

@@ -14,7 +14,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from hil.devices.emulator import Attitude
+from hil.devices.emulator import INTERFACE, Attitude, Device, DeviceContext, EmulatedDevice
 from hil.devices.mti_frames import (
     LOCAL_FRAMES,
     Matrix,
@@ -268,3 +268,16 @@ class MtiEmulator:
 
     def _noise(self, deviation: float) -> float:
         return self._rng.normal(0.0, deviation)
+
+
+def _make(context: DeviceContext) -> Device:
+    return MtiEmulator(
+        context.world,
+        context.rng,
+        declination_deg=context.declination_deg,
+        frequency_error_ppm=context.frequency_error_ppm,
+        baud=context.baud,
+    )
+
+
+EMULATOR = EmulatedDevice(interface=INTERFACE, driver="mti", baud=115200, make=_make)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from firmware_py.common.angles import degrees
-from hil.devices.emulator import Attitude
+from hil.devices.emulator import INTERFACE, Attitude, Device, DeviceContext, EmulatedDevice
 from hil.devices.nmea_text import bearing, decimals_of, hemisphere_letter, whole_sentence
 from hil.devices.timing import Pace, Transmitter
 
 Kind = Literal["HDT", "HDG", "HDM"]
+
+_RATE_HZ = 10.0
 
 
 class NmeaCompassEmulator:
@@ -99,3 +101,20 @@ class NmeaCompassEmulator:
 def _correction(angle_deg: float | None) -> str:
     """Return `x.x,E` or `x.x,W`, or two empty fields for an unknown value."""
     return "," if angle_deg is None else f"{abs(angle_deg):.1f},{hemisphere_letter(angle_deg, 'E', 'W')}"
+
+
+def _make(context: DeviceContext) -> Device:
+    sentences = [sentence for sentence in context.options.sentences if sentence in get_args(Kind)]
+    return NmeaCompassEmulator(
+        context.world,
+        context.rng,
+        rate_hz=_RATE_HZ,
+        sentence=sentences[0] if sentences else "HDT",
+        phase_s=context.phase_s,
+        frequency_error_ppm=context.frequency_error_ppm,
+        declination_deg=context.declination_deg,
+        baud=context.baud,
+    )
+
+
+EMULATOR = EmulatedDevice(interface=INTERFACE, driver="nmea", baud=38400, make=_make)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from firmware_py.common.angles import degrees
-from hil.devices.emulator import Attitude
+from hil.devices.emulator import INTERFACE, Attitude, Device, DeviceContext, EmulatedDevice
 from hil.devices.nmea_text import bearing
 from hil.devices.pni_calibration import ABORTED_SCORE, OPTIONS, UserCalibration
 from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, ModuleSettings, pack_frame
@@ -291,3 +291,16 @@ class PniTcmEmulator:
         if self._settings.config[Config.TRUE_NORTH]:
             angle_deg += self._settings.config[Config.DECLINATION]
         return bearing(angle_deg, self._resolution_deg)
+
+
+def _make(context: DeviceContext) -> Device:
+    return PniTcmEmulator(
+        context.world,
+        context.rng,
+        declination_deg=context.declination_deg,
+        frequency_error_ppm=context.frequency_error_ppm,
+        baud=context.baud,
+    )
+
+
+EMULATOR = EmulatedDevice(interface=INTERFACE, driver="pni_tcm", baud=38400, make=_make)

@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_py.common.angles import RADIANS_PER_DEGREE, clamp, degrees
 from hil.devices.crc import crc16_8005
-from hil.devices.emulator import Shaft
+from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice, Shaft
 from hil.devices.timing import ReceiveBuffer, Transmitter
 
 BAUD = 115_200
@@ -154,3 +154,10 @@ def _pack_bytes(first: float, second: float) -> int:
     """Return two values as the two argument bytes."""
     high, low = (int(clamp(round(value), 0, 0xFF)) for value in (first, second))
     return high << 8 | low
+
+
+def _make(context: DeviceContext) -> Device:
+    return VolzEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
+
+
+EMULATOR = EmulatedDevice(interface=INTERFACE, driver="volz", baud=115200, make=_make)

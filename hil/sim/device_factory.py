@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, get_args
+from dataclasses import replace
+from typing import Any, Final
 
-import numpy as np
-
+from firmware_py.registry import PackageError, Registry
 from firmware_py.vehicle import Vehicle
 from hil.devices.ais import AisEmulator
-from hil.devices.dynamixel import DynamixelEmulator
-from hil.devices.emulator import Device
-from hil.devices.mti import MtiEmulator
-from hil.devices.nmea_compass import Kind, NmeaCompassEmulator
+from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice
 from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
-from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.vedirect import Kind as PowerKind
 from hil.devices.vedirect import VeDirectEmulator
-from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
 from hil.ship.disturbances import Supply, Vessels
 from hil.ship.noise import Stream, generator
@@ -27,74 +20,8 @@ from hil.ship.traffic import OWN_MMSI
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
 FREQUENCY_ERROR_PPM = 20.0  # spread of ordinary crystal oscillators
-COMPASS_RATE_HZ = 10.0
 AIS_BAUD = 38_400
 POSITION_RATE_HZ = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceContext:
-    """Inputs of an emulator: its section of the vehicle file and the random values of this run."""
-
-    world: World
-    baud: int
-    options: Any  # of the driver
-    rng: np.random.Generator
-    phase_s: float
-    frequency_error_ppm: float
-    declination_deg: float
-    gaps: np.random.Generator
-
-
-@dataclass(frozen=True, slots=True)
-class EmulatedDevice:
-    """The driver of an emulated device, its factory baud rate, and the function that creates it."""
-
-    driver: str
-    baud: int
-    make: Callable[[DeviceContext], Device]
-
-
-def _make_nmea(context: DeviceContext) -> Device:
-    sentences = [sentence for sentence in context.options.sentences if sentence in get_args(Kind)]
-    return NmeaCompassEmulator(
-        context.world,
-        context.rng,
-        rate_hz=COMPASS_RATE_HZ,
-        sentence=sentences[0] if sentences else "HDT",
-        phase_s=context.phase_s,
-        frequency_error_ppm=context.frequency_error_ppm,
-        declination_deg=context.declination_deg,
-        baud=context.baud,
-    )
-
-
-def _make_pni(context: DeviceContext) -> Device:
-    return PniTcmEmulator(
-        context.world,
-        context.rng,
-        declination_deg=context.declination_deg,
-        frequency_error_ppm=context.frequency_error_ppm,
-        baud=context.baud,
-    )
-
-
-def _make_mti(context: DeviceContext) -> Device:
-    return MtiEmulator(
-        context.world,
-        context.rng,
-        declination_deg=context.declination_deg,
-        frequency_error_ppm=context.frequency_error_ppm,
-        baud=context.baud,
-    )
-
-
-def _make_dynamixel(context: DeviceContext) -> Device:
-    return DynamixelEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
-
-
-def _make_volz(context: DeviceContext) -> Device:
-    return VolzEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
 
 
 def _make_gps(context: DeviceContext) -> Device:
@@ -117,24 +44,43 @@ def _make_gps(context: DeviceContext) -> Device:
     )
 
 
-# By the names of `rambler-hil run --compass` and `--servo`.
-COMPASSES: Mapping[str, EmulatedDevice] = {
-    "nmea": EmulatedDevice("nmea", 38400, _make_nmea),
-    "pni": EmulatedDevice("pni_tcm", 38400, _make_pni),
-    "mti": EmulatedDevice("mti", 115200, _make_mti),
-}
-SERVOS: Mapping[str, EmulatedDevice] = {
-    "dynamixel": EmulatedDevice("dynamixel", 57600, _make_dynamixel),
-    "volz": EmulatedDevice("volz", 115200, _make_volz),
-}
-POSITION = EmulatedDevice("nmea", 9600, _make_gps)
+EMULATORS: Final = "rambler.emulators"  # group of entry points
+
+# By the names of `rambler-hil run --compass` and `--servo`; packages add theirs by entry points such as `compass.acme`.
+COMPASSES: Registry[EmulatedDevice] = Registry(
+    EMULATORS,
+    "compass",
+    {
+        "nmea": "hil.devices.nmea_compass:EMULATOR",
+        "pni": "hil.devices.pni_tcm:EMULATOR",
+        "mti": "hil.devices.mti:EMULATOR",
+    },
+    EmulatedDevice,
+    INTERFACE,
+)
+SERVOS: Registry[EmulatedDevice] = Registry(
+    EMULATORS,
+    "servo",
+    {"dynamixel": "hil.devices.dynamixel:EMULATOR", "volz": "hil.devices.volz:EMULATOR"},
+    EmulatedDevice,
+    INTERFACE,
+)
+POSITION = EmulatedDevice(interface=INTERFACE, driver="nmea", baud=9600, make=_make_gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
 
-def _find_device(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
+def find_device(devices: Registry[EmulatedDevice], name: str) -> EmulatedDevice:
+    """Return the emulated device with this name; raise UsageError if its package cannot be used."""
+    try:
+        return devices[name]
+    except PackageError as error:
+        raise UsageError(str(error)) from None
+
+
+def _find_device_of(devices: Registry[EmulatedDevice], driver: str) -> EmulatedDevice:
     """Return the emulated device of a driver; raise UsageError if there is none."""
-    for device in devices.values():
-        if device.driver == driver:
+    for name in devices:
+        if (device := find_device(devices, name)).driver == driver:
             return device
     drivers = ", ".join(device.driver for device in devices.values())
     raise UsageError(f"driver {driver!r} has no emulated device; use one of {drivers}")
@@ -161,7 +107,7 @@ def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Devic
             gaps=generator(seed, Stream.GAPS),
         )
 
-    compass_device, servo = _find_device(COMPASSES, compass.driver), _find_device(SERVOS, rudder.driver)
+    compass_device, servo = _find_device_of(COMPASSES, compass.driver), _find_device_of(SERVOS, rudder.driver)
     try:
         devices: dict[str, Device] = {
             "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
@@ -218,4 +164,4 @@ def _make_ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
 
 def used_energy_j(servo: Device) -> float:
     """Return the energy that an emulated servo has used so far."""
-    return servo.energy_j if isinstance(servo, DynamixelEmulator | VolzEmulator) else 0.0
+    return float(getattr(servo, "energy_j", 0.0))

@@ -18,8 +18,9 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
+from hil.devices.emulator import EmulatedDevice
 from hil.errors import UsageError
-from hil.sim.device_factory import AIS_BAUD, COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, EmulatedDevice
+from hil.sim.device_factory import AIS_BAUD, COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, find_device
 from hil.sim.world import Mounting
 
 Section = dict[str, Any]
@@ -51,10 +52,10 @@ def load(path: Path) -> Vehicle:
 
 def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Vehicle:
     """Replace compass or servo, by the names of COMPASSES and SERVOS; None keeps the present one."""
-    if compass is not None and vehicle.compass.driver != COMPASSES[compass].driver:
-        vehicle = replace(vehicle, compass=_entry("compass", COMPASSES[compass]))
-    if servo is not None and vehicle.rudder.driver != SERVOS[servo].driver:
-        vehicle = replace(vehicle, rudder=_entry("rudder", SERVOS[servo]))
+    if compass is not None and vehicle.compass.driver != (device := find_device(COMPASSES, compass)).driver:
+        vehicle = replace(vehicle, compass=_entry("compass", device))
+    if servo is not None and vehicle.rudder.driver != (device := find_device(SERVOS, servo)).driver:
+        vehicle = replace(vehicle, rudder=_entry("rudder", device))
     return vehicle
 
 

@@ -81,8 +81,7 @@ def make_other_version(folder, whole_bundle_path, version, change):
     maker = load_bundle_maker()
     maker.run_pip("wheel", "--no-deps", "--wheel-dir", wheels, tree)
     wheel = next(wheels.glob("rambler_autopilot-*.whl"))
-    own_line = f"{maker.OWN_PACKAGE}=={version} --hash=sha256:{maker.sha256_of(wheel.read_bytes())}\n"
-    text = maker.LOCK_FILE.read_text() + own_line
+    text = maker.LOCK_FILE.read_text() + maker.lock_line(wheel)
     (wheels / "requirements.txt").write_text(text)
     (wheels / "bundle.json").unlink()
     maker.write_bundle(wheels, target := folder / f"{version}.bundle", version, "", int(time.time()))

@@ -1,0 +1,115 @@
+"""Guard around the driver of a package of another author.
+
+An exception or an invalid sample makes the device faulty; it never ends the autopilot. Code that does not return is
+beyond this guard: the watchdog of the service ends the process.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from firmware_py.common.driver import Driver
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand
+
+RETRY_S: Final = 10.0  # after an exception, before the driver is created again
+MAX_SAMPLES: Final = 100  # of one poll; further ones are dropped
+_MAX_TEXT: Final = 120  # characters of a health record's text
+
+
+class GuardedDevice:
+    """A driver that may raise; it is created at the first `receive`, and again RETRY_S after an exception."""
+
+    def __init__(
+        self,
+        driver: Driver[Any],
+        role: DeviceRole,
+        sample_types: tuple[type[Any], ...],
+        package: str,
+        line: ByteLine,
+        options: Any,
+    ) -> None:
+        """Store the driver; `package` is name and version, for messages."""
+        self._driver = driver
+        self._role = role
+        self._sample_types = sample_types
+        self._package = package
+        self._line = line
+        self._options = options
+        self._device: Any = None
+        self._retry_s = -math.inf
+        self._fault = driver.problem
+        self._fault_count = 0
+        self._now_s = 0.0
+
+    def fileno(self) -> int:
+        """Return the descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Let the driver read; without a driver the received bytes are discarded."""
+        self._now_s = now_s
+        if self._device is None and not self._driver.problem and now_s >= self._retry_s:
+            self._device = self._guard(None, self._driver.make, self._line, self._options)
+        if self._device is None:
+            self._line.read()
+        else:
+            self._guard(None, self._call, "receive", now_s)
+
+    def poll(self) -> Sequence[Any]:
+        """Return the samples since the last poll; an invalid one makes the device faulty."""
+        return () if self._device is None else self._guard((), self._read_samples)
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """Return the driver's record, or a FAULTY one with the fault."""
+        health: DeviceHealth | None = None if self._device is None else self._guard(None, self._read_health, now_s)
+        if health is None:
+            return DeviceHealth(now_s, self._role, DeviceState.FAULTY, 0, self._fault_count, self._fault[:_MAX_TEXT])
+        return health
+
+    def command(self, command: RudderCommand, now_s: float) -> None:
+        """Let the driver of a rudder send the command."""
+        if self._device is not None:
+            self._guard(None, self._call, "command", command, now_s)
+
+    def needs_prompt_io(self) -> bool:
+        """Return whether the driver of a rudder must read at once."""
+        return self._device is not None and bool(self._guard(False, self._call, "needs_prompt_io"))
+
+    def _guard(self, default: Any, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the result of a call; after an exception, `default`, and the driver is dropped."""
+        try:
+            return call(*arguments)
+        except Exception as error:  # noqa: BLE001 - code of another author
+            self._device = None
+            self._retry_s = self._now_s + RETRY_S
+            self._fault_count += 1
+            self._fault = f"driver of package {self._package}: {type(error).__name__}: {error}"
+            return default
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        return getattr(self._device, method)(*arguments)
+
+    def _read_samples(self) -> Sequence[Any]:
+        return [self._check(sample) for sample in tuple(self._device.poll())[:MAX_SAMPLES]]
+
+    def _check(self, sample: Any) -> Any:
+        """Return a sample; raise TypeError or ValueError if its class, a type or a number in it is invalid."""
+        if not isinstance(sample, self._sample_types):
+            raise TypeError(f"{type(sample).__name__} is not a sample of this device")
+        values = msgspec.structs.asdict(sample)
+        for name, value in values.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name} is {value}")
+        return msgspec.convert(values, type(sample))
+
+    def _read_health(self, now_s: float) -> DeviceHealth:
+        health = self._device.health(now_s)
+        if not isinstance(health, DeviceHealth):
+            raise TypeError(f"health() returned {type(health).__name__}")
+        checked = msgspec.convert(msgspec.structs.asdict(health), DeviceHealth)
+        return msgspec.structs.replace(checked, role=self._role, text=checked.text[:_MAX_TEXT])
