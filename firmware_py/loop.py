@@ -10,7 +10,18 @@ from functools import partial
 
 from msgspec.structs import replace
 
-from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder, Vessels
+from firmware_py.common.interfaces import (
+    Clock,
+    Compass,
+    Device,
+    Link,
+    Position,
+    Power,
+    Recorder,
+    Rudder,
+    RudderAngle,
+    Vessels,
+)
 from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Severity, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
@@ -71,6 +82,7 @@ class LoopParts:
     compass_b: Compass | None = None
     power: tuple[Power, ...] = ()
     vessels: Vessels | None = None  # read after the rudder command is sent
+    rudder_angle: RudderAngle | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
     after_tick: Callable[[Output, float], None] = lambda _output, _now_s: None  # status reports; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
@@ -88,6 +100,8 @@ class LoopParts:
         sensors = (self.compass, self.compass_b, self.position)
         self.prompt_devices = tuple(device for device in sensors if device is not None)
         self.devices = (*self.prompt_devices, self.rudder, *self.power)
+        if self.rudder_angle is not None:
+            self.devices = (*self.devices, self.rudder_angle)
         self.all_devices = self.devices if self.vessels is None else (*self.devices, self.vessels)
 
 
@@ -148,6 +162,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
         parts.autopilot.take_requests(),
         tuple(sample for device in parts.power for sample in device.poll()),
         tuple(parts.vessels.poll()) if parts.vessels is not None else (),
+        tuple(parts.rudder_angle.poll()) if parts.rudder_angle is not None else (),
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)

@@ -20,6 +20,7 @@ from firmware_py.common.records import (
     PositionSample,
     PowerSample,
     Progress,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     Stored,
@@ -138,6 +139,13 @@ class Rudder(Device, Protocol):
 
     def poll(self) -> Sequence[RudderFeedback]:
         """The feedback since the last poll, oldest first."""
+
+
+class RudderAngle(Device, Protocol):
+    """A sensor of the rudder angle, separate from the servo."""
+
+    def poll(self) -> Sequence[RudderAngleSample]:
+        """The samples since the last poll, oldest first."""
 
 
 class Clock(Protocol):

@@ -173,6 +173,12 @@ TABLE: tuple[Parameter, ...] = (
         "Deadband: a rudder demand that differs less from the present command is not sent. Larger: less servo "
         "wear, less accurate steering."),
     choice("RUD_DISARMED", 0, {0: "held amidships", 1: "released"}, "Rudder while disarmed."),
+    real("RUD_EST_DEG_S", 60.0, 1.0, 1000.0, "deg/s",
+        "Rate of the servo under load, for the estimate of a rudder angle that is not measured. Larger: the estimate "
+        "follows the command earlier."),
+    real("RUD_EST_LAG_S", 0.1, 0.0, 1.0, "s",
+        "Dead time from the command to the begin of the rudder motion, for the estimate of a rudder angle that is not "
+        "measured."),
     real("RUD_LIMIT_DEG", 30.0, 1.0, 60.0, "deg", "Maximum rudder angle to either side."),
     real("RUD_REST_S", 0.0, 0.0, 3600.0, "s",
         "Time of a constant, unloaded command after which the servo torque is released, if the servo supports it. "
@@ -182,7 +188,7 @@ TABLE: tuple[Parameter, ...] = (
     real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Servo temperature above which RUDDER_HOT is set."),
     real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s",
         "Time without a reply after which the servo counts as silent; if polled slowly, at least 2.5 polling "
-        "intervals."),
+        "intervals. Also maximum age of the angle of a rudder angle sensor."),
     real("SBD_CHECK_H", 12.0, 0.0, 720.0, "h",
         "Time without a satellite session after which the autopilot checks for messages. 0: never."),
     integer("SBD_CREDIT_B", 50, 1, 340, "", "Bytes per credit of the satellite provider."),

@@ -46,6 +46,7 @@ class DeviceRole(IntEnum):
     POWER = 8
     POWER_B = 9
     AIS = 10
+    RUDDER_ANGLE = 11
 
 
 class DeviceState(IntEnum):
@@ -129,6 +130,13 @@ class RudderFeedback(msgspec.Struct, frozen=True):
     restarts: int = 0  # number of detected restarts of the servo
 
 
+class RudderAngleSample(msgspec.Struct, frozen=True):
+    """Calibrated angle of a sensor at the rudder blade; a positive angle turns the boat to starboard."""
+
+    t_s: float
+    rudder_rad: float
+
+
 class PowerSample(msgspec.Struct, frozen=True):
     """Measurements of a battery monitor or a charger, None for values that it does not measure.
 
@@ -189,6 +197,7 @@ class Inputs(msgspec.Struct, frozen=True):
     requests: tuple[Request, ...] = ()
     power: tuple[PowerSample, ...] = ()
     vessels: tuple[VesselReport, ...] = ()
+    rudder_angles: tuple[RudderAngleSample, ...] = ()
 
 
 # --------------------------------------------------------------------------- outputs
@@ -204,9 +213,11 @@ class RudderCommand(msgspec.Struct, frozen=True):
 class RudderStatus(msgspec.Struct, frozen=True):
     """Rudder status of a tick, in the frame of the rudder.
 
-    `command_rad` is the last command. `angle_rad` is the last measured angle (`measured`), otherwise the command.
-    `is_new`: there was feedback since the last tick. `feedback_s` is the time of the last feedback, None before the
-    first. `torque_on`, `current_a` and `power_w` belong to that feedback, None if unknown.
+    `command_rad` is the last command. `angle_rad` is the last measured angle (`measured`), otherwise the estimate of
+    the slew model (`estimated`; not if the servo is released, because the angle is then unknown), before the first
+    feedback the command. `is_new`: there was feedback since the last tick. `is_repeated`: the angle is that of a sensor
+    without a new sample. `feedback_s` is the time of the last feedback, None before the first. `torque_on`, `current_a`
+    and `power_w` belong to that feedback, None if unknown.
     """
 
     t_s: float
@@ -218,6 +229,8 @@ class RudderStatus(msgspec.Struct, frozen=True):
     torque_on: bool | None = None
     current_a: float | None = None
     power_w: float | None = None
+    is_repeated: bool = False
+    estimated: bool = False
 
 
 class Stored(msgspec.Struct, frozen=True):

@@ -179,8 +179,9 @@ class Snapshot(msgspec.Struct, frozen=True):
     """State of the boat after a tick, for the log and the link.
 
     `heading_rad` and `yaw_rate_rad_s` are measured by the compass; `heading_error_rad` refers to the estimated heading
-    of the glider. `rudder_rad` is measured, `rudder_command_rad` commanded, both in the frame of the
-    rudder. `heading_ok` and `position_ok`: the values are fresh. `distance_m` is None without a position goal.
+    of the glider. `rudder_rad` is measured, `rudder_estimate_rad` estimated because it is not measured, and
+    `rudder_command_rad` commanded, all in the frame of the rudder. `heading_ok` and `position_ok`: the values are
+    fresh. `distance_m` is None without a position goal.
     """
 
     t_s: float
@@ -219,6 +220,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     traffic: Traffic | None = None  # other vessels, None before the first AIS report
     dead_reckoning: DeadReckoningPosition | None = None  # replaces the position while it is used
     heading_age_s: float | None = None  # age of the last heading used; None before the first
+    rudder_estimate_rad: float | None = None
 
 
 class Output(msgspec.Struct, frozen=True):

@@ -1,4 +1,8 @@
-"""Rudder state: last command, servo feedback, and their conversion to rudder angles."""
+"""Rudder state: last command, servo feedback, rudder angle sensor, and the angle that they give.
+
+The angle is that of the rudder angle sensor while its samples are fresh, otherwise that of the servo. If neither
+measures it, it is estimated from the commands (estimate/rudder_slew.py).
+"""
 
 from __future__ import annotations
 
@@ -8,23 +12,27 @@ from typing import Final
 import msgspec
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
+from firmware_py.common.records import Event, Inputs, RudderAngleSample, RudderFeedback, RudderStatus, Severity
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
+from firmware_py.estimate import rudder_slew
+from firmware_py.estimate.rudder_slew import SlewSettings, SlewState
 
 MAX_SHAFT_RAD: Final = 2.0 * math.pi  # larger feedback is invalid
 
 
 class RudderSettings(msgspec.Struct, frozen=True):
-    """Linkage between servo and rudder, and limits of angle and rate.
+    """Linkage between servo and rudder, limits of angle and rate, and model of a servo without measured angle.
 
     `hold_s`: time for which the command is constant without a heading. `released_disarmed`: the servo has no torque
-    while disarmed.
+    while disarmed. `sensor_timeout_s`: maximum age of a sample of the rudder angle sensor.
     """
 
     linkage: Linkage
     limits: RudderLimits
     hold_s: float
     released_disarmed: bool
+    slew: SlewSettings
+    sensor_timeout_s: float
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> RudderSettings:
@@ -34,16 +42,24 @@ class RudderSettings(msgspec.Struct, frozen=True):
             limits=RudderLimits.of(parameters),
             hold_s=parameters["CTL_HOLD_S"],
             released_disarmed=bool(parameters["RUD_DISARMED"]),
+            slew=SlewSettings.of(parameters),
+            sensor_timeout_s=parameters["RUD_TIMEOUT_S"],
         )
 
 
 class RudderState(msgspec.Struct, frozen=True):
-    """Last rudder command, last servo feedback, number of servo restarts and time of the last one."""
+    """Last rudder command, last servo feedback, number of servo restarts and time of the last one.
+
+    `sensor` is the last sample of the rudder angle sensor. `slew` is the estimate of an angle that is not measured;
+    None while it is measured and before the first feedback.
+    """
 
     command_rad: float = 0.0
     feedback: RudderFeedback | None = None
     restarts: int = 0
     restarted_s: float | None = None
+    sensor: RudderAngleSample | None = None
+    slew: SlewState | None = None
 
     @property
     def feedback_s(self) -> float | None:
@@ -53,30 +69,71 @@ class RudderState(msgspec.Struct, frozen=True):
 
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
     """Return the state updated with the feedback of a tick, and the rudder status."""
-    now_s = inputs.tick.t_s
+    now_s, previous = inputs.tick.t_s, state
+    sensor = inputs.rudder_angles[-1] if inputs.rudder_angles else state.sensor
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
-        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s)
-    return state, _status(settings.linkage, state, now_s, is_new=bool(inputs.rudder))
+        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s, sensor)
+    elif sensor is not state.sensor:
+        state = msgspec.structs.replace(state, sensor=sensor)
+    is_sensor_fresh = sensor is not None and now_s - sensor.t_s <= settings.sensor_timeout_s
+    measured_rad = sensor.rudder_rad if sensor is not None and is_sensor_fresh else _shaft_angle_rad(settings, state)
+    slew = None
+    if measured_rad is None and state.feedback is not None:
+        slew = _estimate(settings, previous, state.feedback, now_s)
+    if slew is not state.slew:
+        state = msgspec.structs.replace(state, slew=slew)
+    is_repeated = is_sensor_fresh and not inputs.rudder_angles
+    return state, _status(state, measured_rad, now_s, is_new=bool(inputs.rudder), is_repeated=is_repeated)
 
 
-def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool) -> RudderStatus:
-    feedback = state.feedback
+def source_events(previous: RudderState, state: RudderState) -> tuple[Event, ...]:
+    """Return the event of a change between a measured and an estimated angle."""
+    if (previous.slew is None) is (state.slew is None):
+        return ()
+    return (Event(Severity.NOTICE, "Rudder angle: measured" if state.slew is None else "Rudder angle: estimated"),)
+
+
+def _shaft_angle_rad(settings: RudderSettings, state: RudderState) -> float | None:
+    """Return the angle that the servo has measured last; None if its last feedback has none."""
+    shaft_rad = None if state.feedback is None else state.feedback.shaft_rad
+    return settings.linkage.to_rudder(shaft_rad) if shaft_rad is not None and abs(shaft_rad) <= MAX_SHAFT_RAD else None
+
+
+def _estimate(settings: RudderSettings, previous: RudderState, feedback: RudderFeedback, now_s: float) -> SlewState:
+    """Return the estimate at now_s; the first one begins at the last measured angle, otherwise at the command."""
+    if previous.slew is not None:
+        is_driven = feedback.torque_on is not False
+        return rudder_slew.update(settings.slew, previous.slew, previous.command_rad, now_s, is_driven=is_driven)
+    last_rad = _shaft_angle_rad(settings, previous)
+    sensor = previous.sensor
+    if sensor is not None and (last_rad is None or previous.feedback is None or sensor.t_s >= previous.feedback.t_s):
+        last_rad = sensor.rudder_rad
+    return rudder_slew.begin(previous.command_rad if last_rad is None else last_rad, previous.command_rad, now_s)
+
+
+def _status(
+    state: RudderState, measured_rad: float | None, now_s: float, *, is_new: bool, is_repeated: bool
+) -> RudderStatus:
+    feedback, slew = state.feedback, state.slew
+    estimate_rad = state.command_rad if slew is None else slew.angle_rad
+    angle_rad = estimate_rad if measured_rad is None else measured_rad
     if feedback is None:
-        return RudderStatus(now_s, state.command_rad, state.command_rad)
-    shaft_rad, power_w = feedback.shaft_rad, None
-    is_measured = shaft_rad is not None and abs(shaft_rad) <= MAX_SHAFT_RAD
+        return RudderStatus(now_s, state.command_rad, angle_rad, measured=measured_rad is not None)
+    power_w = None
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
     return RudderStatus(
         now_s,
         state.command_rad,
-        linkage.to_rudder(shaft_rad) if shaft_rad is not None and is_measured else state.command_rad,
-        measured=is_measured,
+        angle_rad,
+        measured=measured_rad is not None,
         is_new=is_new,
         feedback_s=feedback.t_s,
         torque_on=feedback.torque_on,
         current_a=feedback.current_a,
         power_w=power_w if power_w is not None and math.isfinite(power_w) else None,
+        is_repeated=is_repeated,
+        estimated=slew is not None and feedback.torque_on is not False,
     )

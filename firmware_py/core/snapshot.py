@@ -68,6 +68,7 @@ def snapshot_of(
         if situation.dead_reckoning_sd_m is None
         else _dead_reckoning_position(state, situation.dead_reckoning_sd_m),
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
+        rudder_estimate_rad=rudder.angle_rad if rudder.estimated else None,
     )
 
 

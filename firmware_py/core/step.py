@@ -18,6 +18,7 @@ from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
 from firmware_py.control.rudder_limit import limit_command
+from firmware_py.core import rudder as rudder_state
 from firmware_py.core.accept import accept
 from firmware_py.core.estimate_step import estimate
 from firmware_py.core.fault_conditions import fault_input
@@ -232,7 +233,7 @@ def _needs_torque(settings: Settings, state: State, now_s: float) -> bool:
 
 
 def _change_events(previous: State, current: State) -> tuple[Event, ...]:
-    """Return the events of start, mode, arming and heading convergence."""
+    """Return the events of start, mode, arming, rudder angle and heading convergence."""
     is_first_tick = previous.timing.started_s is None
     events: list[Event] = []
     if is_first_tick or previous.modes.mode is not current.modes.mode:
@@ -241,6 +242,7 @@ def _change_events(previous: State, current: State) -> tuple[Event, ...]:
         events.append(Event(Severity.NOTICE, current.greeting))
     if previous.modes.armed is not current.modes.armed:
         events.append(Event(Severity.NOTICE, "Armed" if current.modes.armed else "Disarmed"))
+    events += rudder_state.source_events(previous.rudder, current.rudder)
     if current.supervisor.convergence.not_converging and not previous.supervisor.convergence.not_converging:
         events.append(Event(Severity.WARNING, "Rudder at limit 5 min: heading not converging"))
     return tuple(events)

@@ -13,6 +13,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "Armed": ("the rudder follows the mode", _NOTHING),
     "Disarmed": ("the rudder is not steered", "arm the boat to sail"),
+    "Rudder angle: estimated": (
+        "nothing measures the rudder angle; it is computed from the commands. A jammed rudder shows only in turns",
+        "nothing with a servo that measures no angle; otherwise check cable and power of the rudder angle sensor",
+    ),
+    "Rudder angle: measured": ("the servo or the rudder angle sensor measures the angle again", _NOTHING),
     "Mode <mode>": ("the mode was changed by a command or a failsafe", _NOTHING),
     "Failsafe: <mode>": (
         "an active fault has changed the mode, by its parameter `FS_...`",

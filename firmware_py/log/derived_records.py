@@ -7,7 +7,7 @@ from typing import Final
 from firmware_py.common.reports import Snapshot
 from firmware_py.log.message_rows import Row, flag_column, float_column, integer_column, optional_column
 
-SLOW_INTERVAL_TICKS: Final = 10  # interval of all messages but NAV and EST
+SLOW_INTERVAL_TICKS: Final = 10  # interval of all messages but NAV, EST and RUDE
 
 
 def _ignore_record() -> None:
@@ -128,6 +128,12 @@ DEAD_RECKONING: Final = Row(
     ),
     _ignore_record,
 )
+RUDDER_ESTIMATE: Final = Row(
+    194,
+    "RUDE",  # only while the rudder angle is not measured
+    (optional_column("Rud", "r", "rudder_estimate_rad"), float_column("RudC", "r", "rudder_command_rad")),
+    _ignore_record,
+)
 TYPES: Final = (
     NAVIGATION.type,
     ESTIMATE.type,
@@ -136,6 +142,7 @@ TYPES: Final = (
     ENERGY.type,
     SUPPLY.type,
     DEAD_RECKONING.type,
+    RUDDER_ESTIMATE.type,
 )
 
 
@@ -143,6 +150,8 @@ def encode_snapshot(snapshot: Snapshot) -> bytes:
     """Encode the log messages of a snapshot."""
     t_s = snapshot.t_s
     data = NAVIGATION.pack(t_s, snapshot)
+    if snapshot.rudder_estimate_rad is not None:
+        data += RUDDER_ESTIMATE.pack(t_s, snapshot)
     if snapshot.estimate is not None:
         data += ESTIMATE.pack(t_s, snapshot.estimate)
     if snapshot.tick % SLOW_INTERVAL_TICKS:

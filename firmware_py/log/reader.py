@@ -175,7 +175,7 @@ class _Scan:
                 return None
             if record is not None:
                 records_by_name[file_format.name].append(record)
-        ticks, headings, positions, rudder, devices, requests, power, vessels, ships, commands, checkpoints = (
+        ticks, headings, positions, rudder, devices, requests, power, vessels, ships, angles, commands, checkpoints = (
             tuple(records_by_name[row.type.name])
             for row in (
                 schema.TICK,
@@ -187,13 +187,14 @@ class _Scan:
                 schema.POWER,
                 schema.VESSEL,
                 schema.IDENTITY,
+                schema.RUDDER_ANGLE,
                 schema.CONTROL,
                 schema.CHECKPOINT,
             )
         )
         if len(ticks) != 1 or len(commands) != 1:
             return None
-        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests, power, (*vessels, *ships))
+        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests, power, (*vessels, *ships), angles)
         return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
 
 

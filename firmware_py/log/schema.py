@@ -1,9 +1,9 @@
 """Tables of the log messages: one row per message type, one column per field.
 
 A tick is a sequence of records from TICK to END. Between them are the state before the tick (CHK, at checkpoints only),
-the number of lost ticks (DROP, after a loss only), all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP), the command
-(CTL) and the messages of derived_records.py and ardupilot.py, which a replay ignores. END contains the sequence number
-of the tick, so that missing ticks are detected, and a checksum over all records since TICK.
+the number of lost ticks (DROP, after a loss only), all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP, RANG), the
+command (CTL) and the messages of derived_records.py and ardupilot.py, which a replay ignores. END contains the sequence
+number of the tick, so that missing ticks are detected, and a checksum over all records since TICK.
 
 Inputs and commands are doubles in SI units and radians. T is the exact time, TimeUS the rounded one for log tools.
 """
@@ -27,6 +27,7 @@ from firmware_py.common.records import (
     NorthReference,
     PositionSample,
     PowerSample,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     Tick,
@@ -208,6 +209,12 @@ IDENTITY: Final = Row(
     text=True,
     has_notes=True,
 )
+RUDDER_ANGLE: Final = Row(
+    195,
+    "RANG",
+    (float_column("T", "s", "t_s"), float_column("Rud", "r", "rudder_rad")),
+    RudderAngleSample,
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
@@ -227,6 +234,7 @@ READ_ROWS: Final[Mapping[str, Row]] = {
         POWER,
         VESSEL,
         IDENTITY,
+        RUDDER_ANGLE,
     )
 }
 TYPES: Final = (
@@ -250,6 +258,7 @@ def encode_inputs(inputs: Inputs) -> bytes:
             parts.append(VESSEL.pack(report.t_s, report))
         else:
             parts.append(IDENTITY.pack_text(report.t_s, report, record_codec.to_text(report, VERSION)))
+    parts += [RUDDER_ANGLE.pack(sample.t_s, sample) for sample in inputs.rudder_angles]
     return b"".join(parts)
 
 

@@ -4,6 +4,9 @@ The test is the motion towards the command, without a model of the servo. A slow
 not move is jammed, a rudder that moves in another direction deviates. A rudder that is jammed or has too high a current
 is relieved: its command follows the measured angle, so that the servo has no torque. At intervals the true command is
 tried again, for a shorter time than the stall that damages a servo.
+
+A rudder whose angle is not measured cannot be judged by its motion: it neither deviates nor is it jammed. The yaw
+response of the boat is then the only test (steering_loss.py, steering_reversal.py).
 """
 
 from __future__ import annotations
@@ -77,7 +80,9 @@ def update(
     """Return the state after a tick; `is_engaged`: the servo torque is on, or not known to be off."""
     state = _judge_current(state, rudder, settings.current_limit_a)
     if rudder.is_new and rudder.measured:
-        state = _judge_motion(state, rudder, is_engaged=is_engaged)
+        state = state if rudder.is_repeated else _judge_motion(state, rudder, is_engaged=is_engaged)
+    elif rudder.is_new and is_engaged and state.measured_rad is not None:
+        state = _without_angle(state)
     if not (state.is_jammed or state.overloaded):
         return state if state.relieved_s is None else replace(state, relieved_s=None)
     if state.relieved_s is None:
@@ -88,6 +93,13 @@ def update(
     if state.high_current_s is None:
         state = replace(state, overloaded=False)
     return replace(state, relieved_s=rudder.t_s if state.is_jammed or state.overloaded else None)
+
+
+def _without_angle(state: RudderMonitorState) -> RudderMonitorState:
+    """Return the state without the results of the motion: the angle is no longer measured."""
+    return RudderMonitorState(
+        high_current_s=state.high_current_s, overloaded=state.overloaded, relieved_s=state.relieved_s
+    )
 
 
 def _judge_current(state: RudderMonitorState, rudder: RudderStatus, limit_a: float) -> RudderMonitorState:

@@ -7,7 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
-from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, PowerSample, RudderFeedback
+from firmware_py.common.records import (
+    DeviceHealth,
+    HeadingSample,
+    PositionSample,
+    PowerSample,
+    RudderAngleSample,
+    RudderFeedback,
+)
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
 
 Values = dict[str, Any]
@@ -49,6 +56,11 @@ def rudder_values(sample: RudderFeedback) -> Values:
         "current_a": rounded(sample.current_a, 3),
         "hardware_error": sample.hardware_error,
     }
+
+
+def rudder_angle_values(sample: RudderAngleSample) -> Values:
+    """Return the values of a rudder angle sensor."""
+    return {"rudder_deg": rounded(sample.rudder_rad, 2, degrees)}
 
 
 def power_values(sample: PowerSample) -> Values:

@@ -31,6 +31,7 @@ _PEER_FIELDS = tuple(field.name for field in fields(PeerStatus))
 def _rudder(snapshot: Snapshot) -> Values:
     return {
         "angle_deg": rounded(snapshot.rudder_rad, 2, degrees),
+        "estimated_deg": rounded(snapshot.rudder_estimate_rad, 2, degrees),
         "command_deg": rounded(snapshot.rudder_command_rad, 2, degrees),
         "ok": snapshot.rudder_ok,
         "helm_softness": rounded(snapshot.gain_reduction, 2),

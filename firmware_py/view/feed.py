@@ -130,6 +130,8 @@ class Feed:
         # A stale status adds no values; the harness may still add its own.
         current = status if reading.freshness is Freshness.RUNNING else {}
         columns = {name: _value(current, *source) for name, source in STATUS_COLUMNS.items()}
+        if columns["rudder_deg"] is None:
+            columns["rudder_deg"] = _value(current, "rudder", "estimated_deg")
         columns |= {name: None for name, flag in VALIDITY_FLAGS.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
             columns["cross_track_m"] = None  # the boat does not follow a line

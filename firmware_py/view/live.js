@@ -86,8 +86,9 @@ class Live {
         ["estimated-heading", "estimated heading", ...heading]] : [["heading", "heading", ...heading]]),
       ["goal", "goal", direction(status.goal_deg),
         status.heading_ok === false || !isKnown(status.error_deg) ? "" : `error ${formatNumber(-status.error_deg, 0.1)}°`],
-      ["rudder", "rudder", isKnown(rudder.angle_deg) ? `${formatNumber(rudder.angle_deg, 0.1)}°` : "–",
-        isKnown(rudder.command_deg) ? `commanded ${formatNumber(rudder.command_deg, 0.1)}°` : "", rudder.age_s, rudder.ok === false],
+      ["rudder", "rudder", isKnown(rudder.angle_deg ?? rudder.estimated_deg) ? `${formatNumber(rudder.angle_deg ?? rudder.estimated_deg, 0.1)}°` : "–",
+        [isKnown(rudder.estimated_deg) ? "estimated" : "", isKnown(rudder.command_deg) ? `commanded ${formatNumber(rudder.command_deg, 0.1)}°` : ""]
+          .filter(Boolean).join(", "), rudder.age_s, rudder.ok === false],
       ["mode", "mode", status.mode || "–", status.mode ? (status.armed ? "armed" : "disarmed") : ""],
       ["over-ground", "over ground", isKnown(position.sog_m_s) ? `${position.sog_m_s.toFixed(2)} m/s` : "–",
         isKnown(position.cog_deg) ? `course ${direction(position.cog_deg, 0)}` : "", position.age_s, position.ok === false],

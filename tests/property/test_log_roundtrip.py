@@ -21,6 +21,7 @@ from firmware_py.common.records import (
     Inputs,
     NorthReference,
     PositionSample,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     Severity,
@@ -82,6 +83,7 @@ inputs_of_a_tick = st.builds(
     short_tuples(feedback),
     short_tuples(devices),
     short_tuples(requests),
+    rudder_angles=short_tuples(st.builds(RudderAngleSample, finite, finite)),
 )
 commands = st.builds(RudderCommand, any_float, flags)
 

@@ -185,7 +185,7 @@ def attitude_target(context: TelemetryContext) -> Message | None:
 def servo_output_raw(context: TelemetryContext) -> Message:
     """Build SERVO_OUTPUT_RAW: servo 1 is the rudder command, 1500 us +- 500 us at the rudder limit.
 
-    The measured angle is NAMED_VALUE_FLOAT `RUDDER`.
+    The measured angle is NAMED_VALUE_FLOAT `RUDDER`, an estimated one `RUD_EST`.
     """
     deflection = context.snapshot.rudder_command_rad / max(context.rudder_limit_rad, 1e-3)
     pulse_us = to_integer(1500.0 + 500.0 * deflection, 1000, 2000, 0)

@@ -66,7 +66,7 @@ _FAILURES = (
     (Fault.MISSION_UNUSABLE, mavlink.HL_FAILURE_FLAG_MISSION),
 )
 _NO_BATTERY = -1
-_ARMED_BIT, _HEADING_OK_BIT = 1, 2  # of custom2 in HIGH_LATENCY2
+_ARMED_BIT, _HEADING_OK_BIT, _RUDDER_ESTIMATED_BIT = 1, 2, 4  # of custom2 in HIGH_LATENCY2
 
 
 def sys_status(context: TelemetryContext) -> Message:
@@ -229,8 +229,9 @@ def high_latency2(context: TelemetryContext) -> Message:
 
     If the failure flag of GPS is set, the position is dead-reckoned.
 
-    custom0 is the measured rudder angle in degrees, -128 if unknown. custom1 is the voltage of the battery in units of
-    0.2 V (of the servo if the battery is not measured), -1 if unknown. Bits of custom2: 1 armed, 2 valid heading.
+    custom0 is the measured or estimated rudder angle in degrees, -128 if unknown. custom1 is the voltage of the battery
+    in units of 0.2 V (of the servo if the battery is not measured), -1 if unknown. Bits of custom2: 1 armed, 2 valid
+    heading, 4 rudder angle estimated, not measured.
     """
     boat, fix, position = context.snapshot, fresh_fix(context), best_position(context)
     failures = 0
@@ -239,7 +240,9 @@ def high_latency2(context: TelemetryContext) -> Message:
     voltage_v, charge = boat.servo.voltage_v if boat.servo else None, None
     if boat.power is not None and boat.power.voltage_v is not None:
         voltage_v, charge = boat.power.voltage_v, boat.power.charge
-    rudder_deg = None if boat.rudder_rad is None else math.degrees(boat.rudder_rad)
+    is_estimated = boat.rudder_estimate_rad is not None
+    rudder_rad = boat.rudder_estimate_rad if is_estimated else boat.rudder_rad
+    rudder_deg = None if rudder_rad is None else math.degrees(rudder_rad)
     return mavlink.MAVLink_high_latency2_message(
         timestamp=boot_ms(boat.t_s),
         type=mavlink.MAV_TYPE_SURFACE_BOAT,
@@ -267,7 +270,9 @@ def high_latency2(context: TelemetryContext) -> Message:
         failure_flags=failures,
         custom0=to_integer(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
         custom1=to_integer(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
-        custom2=(_ARMED_BIT if boat.armed else 0) | (_HEADING_OK_BIT if boat.heading_ok else 0),
+        custom2=(_ARMED_BIT if boat.armed else 0)
+        | (_HEADING_OK_BIT if boat.heading_ok else 0)
+        | (_RUDDER_ESTIMATED_BIT if is_estimated else 0),
     )
 
 

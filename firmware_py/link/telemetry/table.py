@@ -72,7 +72,9 @@ def _servo_watt_hours(context: TelemetryContext) -> float | None:
 
 NAMED_VALUES: tuple[NamedValue, ...] = (
     # Measured and commanded rudder angle in degrees, starboard positive; temperature of the servo in degrees Celsius.
+    # RUD_EST is sent instead of RUDDER while the angle is estimated because nothing measures it.
     NamedValue("RUDDER", lambda context: _get(context.snapshot.rudder_rad, degrees), 4.0, 1.0),
+    NamedValue("RUD_EST", lambda context: _get(context.snapshot.rudder_estimate_rad, degrees), 4.0, 1.0),
     NamedValue("RUD_CMD", lambda context: degrees(context.snapshot.rudder_command_rad), 4.0, 1.0),
     NamedValue("RUD_TEMP", lambda context: _get(context.snapshot.servo, lambda servo: servo.temperature_c), 0.5, 0.1),
     # Lateness of the tick; skipped ticks since start.

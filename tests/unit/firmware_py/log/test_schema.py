@@ -2,6 +2,7 @@ import struct
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.records import (
     DeviceHealth,
@@ -9,13 +10,15 @@ from firmware_py.common.records import (
     Inputs,
     PositionSample,
     PowerSample,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     Tick,
 )
 from firmware_py.common.vessels import VesselPosition
 from firmware_py.faults.table import Fault
-from firmware_py.log import ardupilot, schema, thin
+from firmware_py.log import ardupilot, derived_records, schema, thin
+from support.link import SNAPSHOT
 
 ALL_TYPES = (*schema.TYPES, *ardupilot.TYPES)
 
@@ -30,6 +33,7 @@ ALL_TYPES = (*schema.TYPES, *ardupilot.TYPES)
         (schema.DEVICE, DeviceHealth),
         (schema.POWER, PowerSample),
         (schema.VESSEL, VesselPosition),
+        (schema.RUDDER_ANGLE, RudderAngleSample),
         (schema.CONTROL, RudderCommand),
     ],
 )
@@ -40,7 +44,7 @@ def test_every_field_of_a_logged_record_has_a_column(row, record):
 
 
 def test_inputs_have_only_fields_that_are_logged():
-    names = ["tick", "headings", "positions", "rudder", "devices", "requests", "power", "vessels"]
+    names = ["tick", "headings", "positions", "rudder", "devices", "requests", "power", "vessels", "rudder_angles"]
     assert [field.name for field in msgspec.structs.fields(Inputs)] == names
 
 
@@ -52,7 +56,8 @@ def test_message_types_are_distinct_and_start_with_the_time():
 
 
 def test_inputs_and_commands_are_doubles():
-    for row in (schema.TICK, schema.HEADING, schema.POSITION, schema.FEEDBACK, schema.DEVICE, schema.CONTROL):
+    inputs = schema.TICK, schema.HEADING, schema.POSITION, schema.FEEDBACK, schema.DEVICE, schema.RUDDER_ANGLE
+    for row in (*inputs, schema.CONTROL):
         assert "f" not in row.type.values
 
 
@@ -75,3 +80,12 @@ def test_fault_bits_are_those_of_earlier_versions_and_fit_their_column():
     for row in (schema.CONTROL, thin.SAILING):
         labels, values = row.type.labels.split(","), row.type.values
         assert struct.calcsize(f"<{values[labels.index('Flt')]}") * 8 >= len(Fault)
+
+
+@pytest.mark.parametrize(("estimate_rad", "count"), [(None, 0), (0.1, 1)])
+def test_estimated_rudder_angle_is_logged_in_every_tick(estimate_rad, count):
+    for tick in (10, 11):
+        snapshot = replace(SNAPSHOT, tick=tick, rudder_rad=None, rudder_estimate_rad=estimate_rad)
+        data = derived_records.encode_snapshot(snapshot)
+        row = derived_records.RUDDER_ESTIMATE.pack(snapshot.t_s, replace(snapshot, rudder_estimate_rad=0.1))
+        assert data.count(row) == count

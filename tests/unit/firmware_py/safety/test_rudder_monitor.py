@@ -186,3 +186,45 @@ def test_command_of_a_relieved_rudder_follows_it_when_it_is_moved():
         servo.angle_deg -= 0.2
         list(servo.run(0.1, 20.0))
         assert abs(servo.sent_deg - servo.angle_deg) < 1.0
+
+
+def status_of(t_s, *, measured=True, is_repeated=False, angle_rad=0.0):
+    return RudderStatus(t_s, 0.3, angle_rad, measured=measured, is_new=True, is_repeated=is_repeated, current_a=0.2)
+
+
+def jammed_state(settings):
+    state = RudderMonitorState()
+    for tick in range(30):
+        state = update(settings, state, status_of(0.1 * tick), is_engaged=True)
+    assert state.is_jammed
+    return state
+
+
+def test_angle_that_is_not_measured_any_more_ends_the_verdicts_of_the_motion():
+    settings = RudderMonitorSettings(3.0)
+    state = jammed_state(settings)
+    assert release_command(state, 0.3, 3.0) == 0.0
+    assert update(settings, state, status_of(3.0, measured=False), is_engaged=False).is_jammed
+    state = update(settings, state, status_of(3.0, measured=False), is_engaged=True)
+    assert (state.is_jammed, state.deviating, state.relieved_s, state.measured_rad) == (False, False, None, None)
+    assert release_command(state, 0.3, 3.0) == 0.3
+    for tick in range(31, 100):
+        state = update(settings, state, status_of(0.1 * tick, measured=False), is_engaged=True)
+        assert (state.is_jammed, state.deviating) == (False, False)
+
+
+def test_overcurrent_is_judged_without_a_measured_angle():
+    settings, state = RudderMonitorSettings(0.1), RudderMonitorState()
+    for tick in range(25):
+        state = update(settings, state, status_of(0.1 * tick, measured=False), is_engaged=True)
+    assert state.overloaded
+
+
+def test_repeated_angle_of_a_slow_sensor_is_no_standstill():
+    """A sensor sends 1 sample in 16 ticks; between them the angle stands still, but the rudder moves."""
+    settings, state = RudderMonitorSettings(3.0), RudderMonitorState()
+    for tick in range(160):
+        angle_rad = 0.02 * (tick // 16)
+        status = status_of(0.1 * tick, is_repeated=tick % 16 != 0, angle_rad=angle_rad)
+        state = update(settings, state, status, is_engaged=True)
+        assert not state.is_jammed

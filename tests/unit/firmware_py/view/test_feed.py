@@ -81,6 +81,13 @@ def test_timed_out_values_are_empty(rig):
     assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
 
 
+def test_estimated_rudder_angle_is_shown_if_none_is_measured(rig):
+    rig.advance(rudder={"ok": True, "angle_deg": None, "estimated_deg": 3.0})
+    assert rig.values()["rudder_deg"] == 3.0
+    rig.advance(rudder={"ok": False, "angle_deg": None, "estimated_deg": 3.0})
+    assert rig.values()["rudder_deg"] is None
+
+
 def test_fault_has_its_remedy(rig):
     assert rig.poll()["now"]["status"]["faults"] == [{"fault": "POSITION_LOST", "remedy": "look at the antenna"}]
 

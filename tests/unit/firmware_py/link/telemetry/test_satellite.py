@@ -127,6 +127,12 @@ def test_high_latency2_contains_position_goal_and_faults(satellite, of):
     assert (report.custom0, report.custom1, report.custom2) == (-12, 61, 3)
 
 
+def test_high_latency2_marks_an_estimated_rudder_angle(satellite, of):
+    satellite.tick(rudder_rad=None, rudder_estimate_rad=math.radians(7.6))
+    (report,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
+    assert (report.custom0, report.custom2 & 4) == (8, 4)
+
+
 def test_power_saving_is_reported_at_once_and_extends_the_interval(satellite):
     satellite.tick()
     satellite.command(2600, 1)

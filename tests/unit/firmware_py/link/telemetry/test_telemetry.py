@@ -132,6 +132,9 @@ def test_servo_output_is_the_command_and_rudder_the_measured_angle(build, comman
     assert build("NAMED_VALUE_FLOAT RUDDER").value == pytest.approx(math.degrees(0.2), abs=1e-5)
     assert build("NAMED_VALUE_FLOAT RUD_CMD").value == pytest.approx(math.degrees(0.25), abs=1e-5)
     assert build("NAMED_VALUE_FLOAT RUDDER", rudder_rad=None) is None
+    assert build("NAMED_VALUE_FLOAT RUD_EST") is None
+    estimated = build("NAMED_VALUE_FLOAT RUD_EST", rudder_rad=None, rudder_estimate_rad=-0.1)
+    assert (estimated.name, estimated.value) == ("RUD_EST", pytest.approx(math.degrees(-0.1), abs=1e-5))
 
 
 COMPASS_SENSORS = 1 | 2 | 4  # gyro, accelerometer, magnetometer
@@ -296,7 +299,8 @@ SNAPSHOTS = st.builds(
     t_s=NUMBERS, tick=COUNTS, mode=st.sampled_from(Mode), armed=st.booleans(),
     heading_rad=OPTIONAL, heading_ok=st.booleans(), yaw_rate_rad_s=OPTIONAL, roll_rad=OPTIONAL, pitch_rad=OPTIONAL,
     goal_heading_rad=OPTIONAL, heading_error_rad=OPTIONAL, bearing_rad=OPTIONAL, distance_m=OPTIONAL,
-    rudder_rad=OPTIONAL, rudder_command_rad=NUMBERS, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
+    rudder_rad=OPTIONAL, rudder_estimate_rad=OPTIONAL, rudder_command_rad=NUMBERS, rudder_ok=st.booleans(),
+    servo=st.none() | SERVOS,
     position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
     rate_hz=NUMBERS, skipped_total=COUNTS, late_s=NUMBERS, home=st.none() | st.builds(Home, NUMBERS, NUMBERS, NUMBERS),
     mission=st.builds(MissionReport, index=st.none() | COUNTS, count=COUNTS), prearm_refusal=st.text(max_size=5),
