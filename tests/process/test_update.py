@@ -68,8 +68,11 @@ def version_of_checkout():
     return re.search(r'__version__ = "(.*)"', (ROOT / "firmware_py/__init__.py").read_text())[1]
 
 
-def make_other_version(folder, whole_bundle_path, version, change):
-    """Make a bundle of this checkout as another version with changed files, and the packages of a complete bundle."""
+def make_other_version(folder, whole_bundle_path, version, change, drivers=()):
+    """Make a bundle of this checkout as another version with changed files, and the packages of a complete bundle.
+
+    `drivers` are wheels of driver packages.
+    """
     tree = folder / f"tree-{version}"
     ignore = shutil.ignore_patterns(".git", ".venv", "build", "tests", "docs", "__pycache__", ".mypy_cache")
     shutil.copytree(ROOT, tree, ignore=ignore)
@@ -81,7 +84,9 @@ def make_other_version(folder, whole_bundle_path, version, change):
     maker = load_bundle_maker()
     maker.run_pip("wheel", "--no-deps", "--wheel-dir", wheels, tree)
     wheel = next(wheels.glob("rambler_autopilot-*.whl"))
-    text = maker.LOCK_FILE.read_text() + maker.lock_line(wheel)
+    text = maker.LOCK_FILE.read_text() + "".join(map(maker.lock_line, [wheel, *drivers]))
+    for driver in drivers:
+        shutil.copy(driver, wheels)
     (wheels / "requirements.txt").write_text(text)
     (wheels / "bundle.json").unlink()
     maker.write_bundle(wheels, target := folder / f"{version}.bundle", version, "", int(time.time()))
@@ -199,6 +204,33 @@ def test_real_updates_succeed_return_and_roll_back(updated_boat, whole_bundle, t
     assert "On trial: rambler-97.0.0-" in log_text
     assert "Trial passed: rambler-97.0.0-" in log_text
     assert "Update rolled back: rambler-99.0.0-" in log_text
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(1800)
+def test_driver_package_survives_an_update_and_the_return(updated_boat, whole_bundle, tmp_path):
+    boat = updated_boat
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    source = shutil.copytree(ROOT / "docs/how-to/os5000", tmp_path / "os5000")
+    subprocess.run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(tmp_path), str(source)], check=True)
+    (wheel,) = tmp_path.glob("rambler_os5000-*.whl")
+    python = boat.link.resolve().parent / "python"
+    subprocess.run([*pip, "--python", str(python), "install", "--no-deps", str(wheel)], check=True)
+
+    def is_driver_installed():
+        command = [str(boat.link.resolve().parent / "python"), "-I", "-c", "import rambler_os5000"]
+        return subprocess.run(command, check=False, env=CLEAN_ENVIRONMENT).returncode == 0
+
+    bare_bundle = make_other_version(tmp_path, whole_bundle, "97.0.0", change_nothing)
+    code, output = boat.update(bare_bundle, "--armed")
+    assert (code, boat.version()) == (2, version_of_checkout())
+    assert "the bundle lacks the installed driver package rambler-os5000 1.0" in output
+    boat.assert_steers()
+    bundle = make_other_version(tmp_path, whole_bundle, "98.0.0", change_nothing, [wheel])
+    for version, options in (("98.0.0", (bundle, "--armed")), (version_of_checkout(), ("--back", "--armed"))):
+        assert (boat.update(*options)[0], boat.version()) == (0, version)
+        assert is_driver_installed()
+        boat.assert_steers()
 
 
 @pytest.mark.proof

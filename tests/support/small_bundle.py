@@ -14,12 +14,14 @@ def load_bundle_maker():
     return module
 
 
-def small_bundle(folder, code=0, version="9.9.9"):
-    """Write a bundle whose autopilot is a shell script with this exit code; return its path."""
+def small_bundle(folder, code=0, version="9.9.9", wheels=()):
+    """Write a bundle whose autopilot is a shell script with this exit code, with more wheels; return its path."""
     (files := folder / f"files-{version}").mkdir()
     (files / f"rambler_autopilot-{version}-py3-none-any.whl").write_text(PROGRAM.format(version="new", code=code))
     (files / "pip-1.0-py3-none-any.whl").touch()
     (files / "requirements.txt").touch()
+    for name in wheels:
+        (files / name).touch()
     path = folder / f"{version}.bundle"
     load_bundle_maker().write_bundle(files, path, version, "abcd1234", 1000)
     return path

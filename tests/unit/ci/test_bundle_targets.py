@@ -1,10 +1,12 @@
 """Target computers and dependencies of `make bundle`."""
 
+import hashlib
 import re
 import subprocess
 
 import pytest
 
+from firmware_py.install.bundle import unpack
 from support.paths import ROOT
 from support.small_bundle import load_bundle_maker
 
@@ -38,6 +40,30 @@ def test_bundle_name_has_its_computers(make_bundle, tmp_path, capsys):
 
     assert make_bundle(run_pip, "--for", "x86_64:3.11", "aarch64:3.13", "--out", str(tmp_path)) == 0
     assert "-aarch64-3.13_x86_64-3.11.bundle (" in capsys.readouterr().out
+
+
+def test_driver_packages_are_in_the_list_of_requirements(make_bundle, tmp_path):
+    def run_pip(*words):
+        if words[0] == "wheel":
+            (words[3] / "rambler_autopilot-0-py3-none-any.whl").touch()
+
+    wheel = tmp_path / "rambler_os5000-1.0-py3-none-any.whl"
+    wheel.write_bytes(b"wheel")
+    assert make_bundle(run_pip, "--out", str(tmp_path), "--drivers", str(wheel)) == 0
+    unpack(next(tmp_path.glob("*.bundle")), tmp_path / "unpacked", None)
+    lines = (tmp_path / "unpacked/requirements.txt").read_text().splitlines()
+    assert lines[-1] == f"rambler-os5000==1.0 --hash=sha256:{hashlib.sha256(b'wheel').hexdigest()}"
+    assert (tmp_path / "unpacked" / wheel.name).read_bytes() == b"wheel"
+
+
+@pytest.mark.parametrize("name", ["missing-1.0-py3-none-any.whl", "package-1.0.tar.gz", "package.whl"])
+def test_driver_package_that_is_no_wheel_is_refused(make_bundle, tmp_path, capsys, name):
+    if "missing" not in name:
+        (tmp_path / name).touch()
+    assert make_bundle(lambda *_: pytest.fail("pip runs"), "--drivers", str(tmp_path / name)) == 2
+    assert capsys.readouterr().err == (
+        f"bundle: {tmp_path / name} is not a wheel; make one: pip wheel --no-deps FOLDER\n"
+    )
 
 
 def test_failing_program_is_a_one_line_error(make_bundle, tmp_path, capsys):

@@ -84,6 +84,35 @@ def test_update_roll_back_and_update(tree, run_update):
     assert installed_name(tree) == forward
 
 
+def install_package(tree, name, group):
+    """Put the metadata of an installed package with an entry point into the environment."""
+    folder = tree / f"opt/rambler/lib/python3.11/site-packages/{name.replace('-', '_')}-1.0.dist-info"
+    folder.mkdir(parents=True)
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text(f"[{group}]\ncompass.acme = acme:DRIVER\n")
+
+
+def test_update_without_an_installed_driver_package_is_refused(tree, run_update, tmp_path):
+    install_package(tree, "some-program", "console_scripts")
+    install_package(tree, "Rambler-Acme", "rambler.drivers")
+    before = sorted(tree.rglob("*"))
+    code, output = run_update()
+    assert (code, installed_name(tree)) == (2, "rambler")
+    assert output == (
+        "rambler update: the bundle lacks the installed driver package Rambler-Acme 1.0; make bundle DRIVERS=WHEEL, "
+        f"or remove the package from {tree / 'opt/rambler'}\n"
+    )
+    assert sorted(tree.rglob("*")) == before
+    for number, other_wheel in enumerate(("rambler_acme2-1.0-py3-none-any.whl", "rambler_acme-1.0.tar.gz")):
+        (folder := tmp_path / str(number)).mkdir()
+        assert run_update(str(small_bundle(folder, wheels=[other_wheel])))[0] == 2
+    (folder := tmp_path / "complete").mkdir()
+    code, output = run_update(str(small_bundle(folder, wheels=["rambler_acme-2.0-py3-none-any.whl"])))
+    assert code == 0
+    assert "driver package Rambler-Acme 1.0: the bundle contains it" in output
+    assert installed_name(tree).startswith("rambler-9.9.9-")
+
+
 def test_roll_back_needs_a_previous_version_and_an_update_another_one(tree, run_update):
     assert run_update("--back") == (2, "rambler update: there is no previous version\n")
     run_update()
