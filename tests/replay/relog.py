@@ -3,6 +3,7 @@
 .venv/bin/python tests/replay/relog.py
 """
 
+import gzip
 import tempfile
 from pathlib import Path
 
@@ -47,4 +48,8 @@ if __name__ == "__main__":
         log, changed_count, notes = recompute_log(path.read_bytes())
         if changed_count or notes:
             path.write_bytes(log)
+        print(f"{path.name}: {changed_count} rudder commands changed", *notes, sep="\n  ")
+    for path in sorted((DATA / "voyages").glob("*.BIN.gz")):
+        log, changed_count, notes = recompute_log(gzip.decompress(path.read_bytes()))
+        path.write_bytes(gzip.compress(log, mtime=0))
         print(f"{path.name}: {changed_count} rudder commands changed", *notes, sep="\n  ")
