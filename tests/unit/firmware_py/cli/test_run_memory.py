@@ -1,8 +1,11 @@
 """Memory of `rambler run`: OpenSSL and the texts of pymavlink are not loaded; pymavlink is imported before numpy."""
 
+import ctypes
 import subprocess
 import sys
+from types import SimpleNamespace
 
+from firmware_py import __main__
 from support.paths import ROOT
 
 PROGRAM = """
@@ -26,3 +29,12 @@ def test_openssl_is_not_loaded_and_frames_work_without_pymavlink_texts():
     command = [sys.executable, "-c", PROGRAM]
     process = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=60)
     assert process.stdout.splitlines() == ["2 ba7816bf False", "True", "15 0 False"], process.stderr
+
+
+def test_blocks_of_64_kib_and_more_are_returned_to_the_system(monkeypatch):
+    calls = []
+    library = SimpleNamespace(mallopt=lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr(ctypes, "CDLL", lambda _name: library)
+    monkeypatch.setitem(sys.modules, "_hashlib", sys.modules.get("_hashlib"))
+    __main__._reduce_memory()
+    assert calls == [(-3, 65_536)]  # M_MMAP_THRESHOLD of mallopt(3)

@@ -98,3 +98,27 @@ def test_deadband_does_not_depend_on_the_travel_weight():
 def test_deadband_is_limited_at_any_correction_and_travel_weight(correction_rad2_s, travel_weight):
     gain = proportional_gain(NOMINAL_SHIP, correction_rad2_s, travel_weight)
     assert 0.0 < deadband(correction_rad2_s, gain, travel_weight) < math.radians(60.0)
+
+
+def test_correction_of_the_gain_is_limited_to_0_08_and_1_5_deg():
+    """The weight on rudder travel is so large that the crossover frequency does not limit the gain."""
+
+    def gain_at(correction_deg):
+        return proportional_gain(NOMINAL_SHIP, math.radians(correction_deg) ** 2, 100.0)
+
+    assert gain_at(0.0) == gain_at(0.079) == pytest.approx(gain_at(0.08))
+    assert gain_at(0.09) == pytest.approx(gain_at(0.08) * 0.09 / 0.08)
+    assert gain_at(9.0) == gain_at(1.51) == pytest.approx(gain_at(0.1) * 1.5 / 0.1)
+    assert gain_at(0.1) == pytest.approx(136.0 * math.radians(0.1) * (4.0 / 0.049) ** (3.0 / 7.0) / 10.0)
+
+
+def test_correction_of_the_deadband_is_limited_to_0_01_and_1_5_deg():
+    for correction_deg, limited_deg in ((0.0, 0.01), (0.02, 0.02), (1.4, 1.4), (2.0, 1.5)):
+        band_rad = deadband(math.radians(correction_deg) ** 2, 1.0, 1.0)
+        assert band_rad == pytest.approx(0.00469 + 1.94 * math.radians(limited_deg))
+
+
+def test_crossover_frequency_is_at_most_0_264_rad_s():
+    assert proportional_gain(NOMINAL_SHIP, 1.0, 0.1) == pytest.approx(0.264 / 0.049)
+    assert reduced_gain(100.0, 2.0, 0.049, 0.03) == pytest.approx(0.132 / 0.049)
+    assert reduced_gain(100.0, 2.0, 0.03, 0.049) == pytest.approx(0.132 / 0.049)

@@ -6,18 +6,11 @@ from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control import law
-from firmware_py.control.law import (
-    DEFAULT_CONSTANTS,
-    IDLE,
-    REDUCED_BIAS_S,
-    LawSettings,
-    Reference,
-    gains_of,
-    s_surface,
-    ship_at_speed,
-)
+from firmware_py.control.law import DEFAULT_CONSTANTS, IDLE, LawSettings, Reference, gains_of, s_surface, ship_at_speed
 from firmware_py.model.heading_estimate import HeadingEstimate
 from firmware_py.model.kt import scaled
+
+REDUCED_BIAS_S = 25.0
 
 SETTINGS = LawSettings.of(ParameterSet())
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.0, 0.05, 0.05, 0.4, 0.02)
@@ -171,3 +164,31 @@ def test_demand_stays_within_the_limits_with_any_estimate(error, rate, bias, spe
         assert 0.0 < band_rad < max_band_rad
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)
+
+
+@pytest.mark.parametrize(("error_deg", "share"), [(2.99, 1.0), (-2.99, 1.0), (3.01, 0.1), (-3.01, 0.1)])
+def test_deadband_is_a_tenth_in_a_turn_of_more_than_3_deg(error_deg, share):
+    _, _, band_at_goal_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, 0.0)
+    _, _, band_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, math.radians(error_deg))
+    assert band_rad == pytest.approx(share * band_at_goal_rad)
+
+
+def test_boat_without_steerage_way_has_a_demand_from_an_error_of_3_deg():
+    assert law.is_too_slow(SETTINGS, SLOW, math.radians(-2.99))
+    assert not law.is_too_slow(SETTINGS, SLOW, math.radians(3.01))
+
+
+@pytest.mark.parametrize(("mean_rad", "start_rad"), [(0.2, 0.2), (-0.2, -0.2), (0.25, -0.24)])
+def test_reduced_bias_starts_at_the_smaller_of_mean_and_estimate(mean_rad, start_rad):
+    estimate = ESTIMATE._replace(bias_rad=-0.24, bias_mean_rad=mean_rad)
+    assert law.update_reduced_bias(math.nan, estimate, 1.0, 3.0) == start_rad
+    assert math.isnan(law.update_reduced_bias(0.1, estimate, 1.0, 1.0))
+
+
+def test_turn_beyond_half_a_circle_is_not_wrapped():
+    """An error of pi is that of a commanded turn by more; the reference is ahead of the boat already."""
+    ahead = Reference(ESTIMATE.heading_rad - 0.05, 0.0)
+    _, long_turn_rad, _ = demand_of(ahead, ESTIMATE, math.pi)
+    _, short_turn_rad, _ = demand_of(ahead, ESTIMATE, math.pi - 0.01)
+    assert long_turn_rad > 0.1
+    assert short_turn_rad < 0.0

@@ -332,3 +332,15 @@ def test_two_stations_read_the_list_at_the_same_time(make_rig):
     for address in ("one", "two"):
         rig.transport.sent = list(sent)
         assert [value.param_index for value in rig.replies(address)] == list(range(len(TABLE)))
+
+
+@pytest.mark.parametrize(("request_message", "reply"), [(LIST, "PARAM_VALUE"), (LIST_EXTENDED, "PARAM_EXT_VALUE")])
+def test_list_on_a_network_is_complete_before_the_next_tick_in_calls_of_8(rig, of, request_message, reply):
+    rig.transport.inbox.append(("station", rig.frame(request_message)))
+    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+    assert len(of(rig.replies(), reply)) == 8  # a call delays the tick
+    count = 8
+    while rig.endpoint.busy:
+        rig.endpoint.service(rig.now_s, [])
+        count += len(of(rig.replies(), reply))
+    assert count == len(TABLE)
