@@ -36,10 +36,12 @@ from firmware_py.common.reports import MissionReport, MissionState, Output, Snap
 from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.telemetry.streams import MAX_INTERVAL_S, MIN_INTERVAL_S
 from firmware_py.link.telemetry.table import TABLE
 from firmware_py.plans.validation import problem_of
 from support.link import FakeRequestHandler, MemoryTransport
+
+MAX_INTERVAL_S = 3600.0
+MIN_INTERVAL_S = 0.02
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)

@@ -13,7 +13,6 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.common.reading_notes import MAX_NOTES
 from firmware_py.core.resume import Moment, restore, resume_of, to_bytes
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
@@ -21,6 +20,8 @@ from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
 from support import rig
 from support.paths import REPLAY
+
+MAX_NOTES = 50
 
 LOG = REPLAY / "mid_run_checkpoint.BIN"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))

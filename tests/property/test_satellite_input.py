@@ -3,10 +3,12 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.link.satellite.messages import MAX_STORED_NUMBERS, Window
+from firmware_py.link.satellite.messages import Window
 from firmware_py.link.satellite.modem import Modem
 from firmware_py.link.satellite.record import Record, from_bytes, to_bytes
 from support.satellite import KEY, SatelliteBoat, set_mode
+
+MAX_STORED_NUMBERS = 128
 
 BOAT = SatelliteBoat(key=KEY)
 VALID_MESSAGE = BOAT.keyed(set_mode(15))

@@ -16,8 +16,10 @@ from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_fields import to_number
-from firmware_py.sensors.nmea_framing import MAX_BODY_LENGTH, NmeaFramer
+from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
+
+MAX_BODY_LENGTH = 1024
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"
 HDT = b"$HEHDT,341.8,T*21\r\n"

@@ -23,14 +23,18 @@ from firmware_py.common.parameters import ParameterSet, parse_file
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, NorthReference, RudderFeedback
-from firmware_py.core.autopilot import MAX_PENDING, Autopilot
+from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
-from firmware_py.loop import MAX_LINK_FRACTION, SAFE_INTERVAL_S, LoopParts, make_safe, run
+from firmware_py.loop import LoopParts, make_safe, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUME_FILE, StateDirectory
+
+MAX_PENDING = 256
+MAX_LINK_FRACTION = 0.75
+SAFE_INTERVAL_S = 0.1
 
 
 class FakeClock:

@@ -2,7 +2,9 @@
 
 import pytest
 
-from firmware_py.actuator.half_duplex import MAX_REPLY_TIMEOUT_S, HalfDuplex, ReadingWindow, reply_timeout_s
+from firmware_py.actuator.half_duplex import HalfDuplex, ReadingWindow, reply_timeout_s
+
+MAX_REPLY_TIMEOUT_S = 1.0
 
 
 @pytest.fixture

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from firmware_py.actuator.servo_driver import MAX_FEEDBACK, ReplyResult, ServoDriver
+from firmware_py.actuator.servo_driver import ReplyResult, ServoDriver
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand, RudderFeedback
+
+MAX_FEEDBACK = 8
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 import pytest
 
 from firmware_py.assemble.trial import TrialWatch, find_program_link
-from firmware_py.install.program_link import TRIAL_S, UPDATE_FILE, ProgramLink, passed_line
+from firmware_py.install.program_link import UPDATE_FILE, ProgramLink, passed_line
 from firmware_py.system.store import Store
+
+TRIAL_S = 120.0
 
 
 @pytest.fixture

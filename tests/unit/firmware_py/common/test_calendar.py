@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.calendar import BUILD_YEAR, DAY_S, FIRST_UTC_S, ROLLOVER_S, corrected_utc_s, full_year
+from firmware_py.common.calendar import DAY_S, corrected_utc_s, full_year
+
+BUILD_YEAR = 2026
+FIRST_UTC_S = 1_767_225_600.0
+ROLLOVER_S = 1024.0 * 7.0 * 86_400.0  # GPS weeks have 10 bits
 
 
 def utc(*date):

@@ -13,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common import record_codec
-from firmware_py.common.reading_notes import MAX_NOTES
-from firmware_py.common.record_codec import MAX_REPAIRS, Hooks, decode, encode, from_text, to_text
+from firmware_py.common.record_codec import Hooks, decode, encode, from_text, to_text
+
+MAX_NOTES = 50
+MAX_REPAIRS = 100
 
 
 class Colour(IntEnum):

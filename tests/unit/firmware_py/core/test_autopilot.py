@@ -21,12 +21,16 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.records import Inputs, Tick
-from firmware_py.core.autopilot import MAX_AWAITED, MAX_PENDING, Autopilot
-from firmware_py.core.parameter_writer import RATE_HZ as PARAMETER_RATE_HZ
+from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import from_bytes
-from firmware_py.core.resume_writer import BURST, RATE_HZ
 from firmware_py.core.state import State
 from firmware_py.modes import HeadingGoal, ModeState
+
+MAX_AWAITED = 256
+MAX_PENDING = 256
+PARAMETER_RATE_HZ = 0.5
+BURST = 1000.0
+RATE_HZ = 0.1
 
 UTC_S = 1.8e9
 MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=number) for number in range(5)])

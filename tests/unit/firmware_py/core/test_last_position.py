@@ -11,15 +11,20 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.core import last_position
-from firmware_py.core.last_position import MAX_MOVE_M, LastPosition
+from firmware_py.core.last_position import LastPosition
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
-from firmware_py.core.resume_writer import FINE_INTERVAL_S, MAX_AGE_S, ResumeWriter
+from firmware_py.core.resume_writer import ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate import dead_reckoning, water_results
-from firmware_py.estimate.dead_reckoning import UNUSABLE_SD_M, DeadReckoning
+from firmware_py.estimate.dead_reckoning import DeadReckoning
 from firmware_py.estimate.position import PositionState, time_since_fix_s
 from firmware_py.estimate.water import Expected
 from firmware_py.modes import ModeState
+
+MAX_MOVE_M = 25.0
+FINE_INTERVAL_S = 30.0
+MAX_AGE_S = 600.0
+UNUSABLE_SD_M = 1e5
 
 UTC_S = 1.8e9
 WATER = DeadReckoning(

@@ -1,7 +1,9 @@
 """Parts of the autopilot that are stuck, according to their progress."""
 
 from firmware_py.common.records import Progress
-from firmware_py.core.liveness import DEVICES_S, Liveness, devices_progress
+from firmware_py.core.liveness import Liveness, devices_progress
+
+DEVICES_S = 30.0
 
 
 def stuck_names(liveness, now_s, *parts):

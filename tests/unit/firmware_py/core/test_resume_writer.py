@@ -9,12 +9,17 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import Home
 from firmware_py.core.resume import Moment, from_bytes
-from firmware_py.core.resume_writer import BURST, FINE_INTERVAL_S, MAX_AGE_S, RATE_HZ, ResumeWriter
+from firmware_py.core.resume_writer import ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate.heading_estimator import with_expected_water
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.modes import HeadingGoal, ModeState
+
+BURST = 1000.0
+FINE_INTERVAL_S = 30.0
+MAX_AGE_S = 600.0
+RATE_HZ = 0.1
 
 UTC_S = 1.8e9
 STREAM_S = 10_000.0

@@ -10,18 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_filter, heading_model
-from firmware_py.estimate.heading_filter import (
-    LEVEL_OFFSETS,
-    LEVELS,
-    MAX_LEVEL_STEP,
-    MAX_LEVELS,
-    MIN_LEVELS,
-    PRIOR,
-    PRIOR_SDS,
-    UNKNOWN_RUDDER_WALK,
-    begin,
-    update,
-)
+from firmware_py.estimate.heading_filter import LEVEL_OFFSETS, MAX_LEVELS, MIN_LEVELS, PRIOR, PRIOR_SDS, begin, update
 from firmware_py.estimate.heading_model import NoiseLevels
 from firmware_py.model.kt import OCEAN_RAMBLER
 from support.heading_recording import (
@@ -36,6 +25,10 @@ from support.heading_recording import (
     with_turn,
     wrap,
 )
+
+LEVELS = 6
+MAX_LEVEL_STEP = 0.5
+UNKNOWN_RUDDER_WALK = math.log(math.radians(2.0))
 
 pytestmark = pytest.mark.timeout(600)  # the first test compiles the filter
 OFFSHORE = Sea(6.0, 2.4, 3.2, compass_noise_deg=0.3, compass_hz=10.0)

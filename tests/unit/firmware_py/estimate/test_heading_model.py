@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_model
 from firmware_py.estimate.heading_filter import MAX_LEVELS, MIN_LEVELS, PRIOR
-from firmware_py.estimate.heading_model import OUTLIER_SQUARE, Motion, NoiseLevels
+from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.model.kt import KtModel, rk4_step
 from support.heading_recording import discretize
+
+OUTLIER_SQUARE = 12.0
 
 N = 5
 UPPER = np.triu_indices(N)

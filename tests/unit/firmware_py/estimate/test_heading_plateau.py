@@ -6,16 +6,11 @@ import random
 import pytest
 
 from firmware_py.common.angles import radians
-from firmware_py.estimate.sources import (
-    MAX_CONTRADICTION_S,
-    PLATEAU_TIME_S,
-    PROBATION_S,
-    SourceState,
-    TrueHeadingSample,
-    add_sample,
-    needs_restart,
-    select,
-)
+from firmware_py.estimate.sources import SourceState, TrueHeadingSample, add_sample, needs_restart, select
+
+MAX_CONTRADICTION_S = 60.0
+PLATEAU_TIME_S = 2.0
+PROBATION_S = 10.0
 
 EXPECTED, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
 

@@ -6,7 +6,9 @@ import pytest
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.position_consistency import STUCK_DISTANCE_M, PositionConsistency, is_stuck, update
+from firmware_py.estimate.position_consistency import PositionConsistency, is_stuck, update
+
+STUCK_DISTANCE_M = 30.0
 
 DISAGREEMENT = "GPS position/velocity differ by 0.8 m/s: spoofing?"
 CONSTANT = "GPS position unchanged for 5 min: static hold?"

@@ -11,8 +11,11 @@ import pytest
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate import heading_model, prediction_check
 from firmware_py.estimate.heading_model import STATES, Motion, NoiseLevels
-from firmware_py.estimate.prediction_check import ACCEPTANCE_LIMIT, HORIZON_S, PredictionCheck
+from firmware_py.estimate.prediction_check import PredictionCheck
 from firmware_py.model.kt import OCEAN_RAMBLER
+
+ACCEPTANCE_LIMIT = 2.0
+HORIZON_S = 30.0
 
 STEP_S = 1.0
 LEVELS = NoiseLevels(

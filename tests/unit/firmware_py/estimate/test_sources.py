@@ -6,8 +6,6 @@ import pytest
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate.heading_estimator import change_event
 from firmware_py.estimate.sources import (
-    JUMP_GATE_RAD,
-    PROBATION_S,
     CompassState,
     Source,
     SourceState,
@@ -22,6 +20,9 @@ from firmware_py.estimate.sources import (
     standstill_ratio,
     update_compass,
 )
+
+JUMP_GATE_RAD = math.radians(20.0)
+PROBATION_S = 10.0
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0
 

@@ -9,18 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.estimate.water_filter import (
-    NORTH,
-    REJECTION_TIME_S,
-    WaterFilter,
-    begin,
-    correct,
-    take_heading,
-    water_at,
-    with_moved_origin,
-)
+from firmware_py.estimate.water_filter import WaterFilter, begin, correct, take_heading, water_at, with_moved_origin
 from firmware_py.estimate.water_results import (
-    DECISION_TIME_S,
     CurrentVerdict,
     advance_dead_reckoning,
     begin_dead_reckoning,
@@ -32,6 +22,10 @@ from firmware_py.estimate.water_results import (
 )
 from hil.lab.compiled import compiled
 from hil.lab.numeric_core import water_filter, water_results
+
+NORTH = 5
+REJECTION_TIME_S = 30.0
+DECISION_TIME_S = 120.0
 
 SQUARE = tuple(math.radians(angle) for angle in (0.0, 90.0, 180.0, 270.0))
 NO_VERDICT = CurrentVerdict(math.nan, 0.0, 0.0)

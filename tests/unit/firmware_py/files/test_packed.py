@@ -6,15 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.files.packed import (
-    BLOCK_BYTES,
-    PackedFile,
-    complete_members,
-    open_log,
-    pack_block,
-    pack_index,
-    packed_path,
-)
+from firmware_py.files.packed import PackedFile, complete_members, open_log, pack_block, pack_index, packed_path
+
+BLOCK_BYTES = 1 << 16
 
 SIZES = (0, 1, 90, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 3 * BLOCK_BYTES + 77)
 

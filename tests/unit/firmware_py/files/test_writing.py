@@ -5,7 +5,11 @@ import stat
 
 import pytest
 
-from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE, PRIVATE_MODE, exact_modes, make_directory
+from firmware_py.files.writing import exact_modes, make_directory
+
+DIRECTORY_MODE = 0o750
+FILE_MODE = 0o640
+PRIVATE_MODE = 0o600
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077, 0o777])

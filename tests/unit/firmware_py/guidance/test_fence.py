@@ -10,7 +10,8 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.guidance.fence import FenceState, update
 from firmware_py.plans.fence import fence_of, margin_m
-from firmware_py.plans.items import MAX_DISTANCE_M
+
+MAX_DISTANCE_M = 1e7
 
 CENTRE = Place(0.6, 2.0)
 

@@ -4,9 +4,11 @@ import subprocess
 
 import pytest
 
-from firmware_py.install.program_link import STARTS, UPDATE_FILE, ProgramLink, Trial, passed_line
+from firmware_py.install.program_link import UPDATE_FILE, ProgramLink, Trial, passed_line
 from firmware_py.install.service_files import build_trial_script
 from firmware_py.system.store import Store
+
+STARTS = 3
 
 
 @pytest.fixture

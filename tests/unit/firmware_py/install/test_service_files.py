@@ -13,8 +13,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli.example import FILE_NAMES
-from firmware_py.cli.run import EXIT_SHUT_DOWN, RETRY_DELAY_S
-from firmware_py.core.liveness import DEVICES_S
+from firmware_py.cli.run import EXIT_SHUT_DOWN
 from firmware_py.install.service_files import (
     STATE,
     Page,
@@ -26,11 +25,14 @@ from firmware_py.install.service_files import (
     service_files,
 )
 from firmware_py.install.steps import InstallError, check_service
-from firmware_py.loop import WATCHDOG_INTERVAL_S
-from firmware_py.system.watchdogs import TIMEOUT_S
 from firmware_py.vehicle import load
 from support.paths import ROOT
 from support.service_manager import parse, seconds, words
+
+RETRY_DELAY_S = 5.0
+DEVICES_S = 30.0
+WATCHDOG_INTERVAL_S = 1.0
+TIMEOUT_S = 15
 
 ANALYZE = shutil.which("systemd-analyze")
 MAX_EXPOSURE = 3.0

@@ -6,10 +6,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.peers import MAX_BURST_DENIALS, MAX_LATE_HEARTBEATS
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault
+
+MAX_BURST_DENIALS = 20
+MAX_LATE_HEARTBEATS = 4
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)

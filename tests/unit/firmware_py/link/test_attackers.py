@@ -4,11 +4,13 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.peers import MAX_ACTIVE_PEERS, QUIET_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault, without_unrequested
 from support.paths import ROOT
+
+MAX_ACTIVE_PEERS = 8
+QUIET_S = 10.0
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
 KEY, ANOTHER_KEY, NO_KEY = bytes(range(100, 132)), bytes(32 * [9]), bytes(32)

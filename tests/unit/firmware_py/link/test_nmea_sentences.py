@@ -11,8 +11,10 @@ from pynmeagps import NMEAReader
 
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation, Water
-from firmware_py.link.nmea import MAX_SENTENCE_BYTES, TABLE, NmeaData, sentences
+from firmware_py.link.nmea import TABLE, NmeaData, sentences
 from support.link import SNAPSHOT
+
+MAX_SENTENCE_BYTES = 82
 
 UTC_S = 1_793_491_201.25  # 2026-11-01 00:00:01.25
 FIX = PositionSample(

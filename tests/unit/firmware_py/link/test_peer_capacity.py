@@ -4,15 +4,12 @@ import random
 
 import pytest
 
-from firmware_py.link.peers import (
-    MAX_ACTIVE_PEERS,
-    MAX_PENDING_PEERS,
-    MAX_UNKNOWN_PEERS,
-    QUIET_S,
-    Contender,
-    select_evictions,
-    select_pending_evictions,
-)
+from firmware_py.link.peers import Contender, select_evictions, select_pending_evictions
+
+MAX_ACTIVE_PEERS = 8
+MAX_PENDING_PEERS = 16
+MAX_UNKNOWN_PEERS = 4
+QUIET_S = 10.0
 
 NOW_S = 100.0
 

@@ -8,9 +8,13 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SteerHeading
-from firmware_py.link.peers import DUPLICATE_S, MAX_LOST_FRAMES, MIN_IDENTICAL_FRAMES, PeerPath, PeerPaths
+from firmware_py.link.peers import PeerPath, PeerPaths
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
+
+DUPLICATE_S = 10.0
+MAX_LOST_FRAMES = 16
+MIN_IDENTICAL_FRAMES = 3
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 RADIO, OTHER = ("10.0.0.1", 1), ("10.0.0.2", 2)  # a router's two sockets

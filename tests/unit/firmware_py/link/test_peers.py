@@ -4,10 +4,15 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.link.peers import FORGET_S, MAX_ACTIVE_PEERS, MAX_PENDING_PEERS, QUIET_S, UNPROVEN_AFTER_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import without_unrequested
+
+FORGET_S = 300.0
+MAX_ACTIVE_PEERS = 8
+MAX_PENDING_PEERS = 16
+QUIET_S = 10.0
+UNPROVEN_AFTER_S = 10.0
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)

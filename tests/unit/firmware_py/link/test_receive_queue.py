@@ -3,7 +3,9 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.endpoint import MAX_SHARE_BYTES, ReceiveQueue
+from firmware_py.link.endpoint import ReceiveQueue
+
+MAX_SHARE_BYTES = 16_384
 
 
 @pytest.fixture

@@ -7,9 +7,13 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link import routing
-from firmware_py.link.routing import DUPLICATE_S, MAX_BURST, MAX_ROUTES, ROUTE_TIMEOUT_S
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.urls import LinkClass, LinkOptions, Policy
+
+DUPLICATE_S = 3.0
+MAX_BURST = 100
+MAX_ROUTES = 64
+ROUTE_TIMEOUT_S = 10.0
 
 BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 

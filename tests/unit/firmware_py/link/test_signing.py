@@ -8,20 +8,15 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Stored
-from firmware_py.link.signing import (
-    EPOCH_S,
-    MAX_NEW_STREAM_LAG,
-    MAX_STREAMS,
-    MAX_TIMESTAMP,
-    SIGNATURE_BYTES,
-    STORED_LEAD,
-    UNITS_HZ,
-    KeyState,
-    LinkSealer,
-    Signing,
-    timestamp_of,
-)
+from firmware_py.link.signing import EPOCH_S, KeyState, LinkSealer, Signing, timestamp_of
 from firmware_py.link.wire.frames import Codec
+
+UNITS_HZ = 100_000
+MAX_NEW_STREAM_LAG = 60 * UNITS_HZ
+MAX_STREAMS = 64
+MAX_TIMESTAMP = 2_522_880_000 * UNITS_HZ
+SIGNATURE_BYTES = 13
+STORED_LEAD = 15 * UNITS_HZ
 
 KEY = bytes(range(1, 33))
 OTHER_KEY = bytes(32 * [7])

@@ -9,10 +9,12 @@ import tracemalloc
 
 import pytest
 
-from firmware_py.files.packed import BLOCK_BYTES, open_log, packed_path
+from firmware_py.files.packed import open_log, packed_path
 from firmware_py.log.archive import Span, Spans, archive_log
 from firmware_py.log.disk import log_files, partial_path
 from support.faulty_disk import CALLS, CUTS, KINDS, FaultyDisk
+
+BLOCK_BYTES = 1 << 16
 
 CONTENT = b"".join(b"heading %d, " % (number * number) for number in range(12_000))  # more than three blocks
 SHORT = CONTENT[:13_000]

@@ -9,10 +9,12 @@ import pytest
 from firmware_py.common.records import DeviceState
 from firmware_py.faults.table import Fault
 from firmware_py.log import schema
-from firmware_py.log.archive_worker import IDLE_TURNS, RETRY_TURNS
 from firmware_py.log.black_box import box_path, find_next_tick, make_box
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import LogReader
+
+IDLE_TURNS = 20
+RETRY_TURNS = 60
 
 START_S = 12.3
 SEVERE, SLIGHT = 1 << Fault.COMPASS_LOST, 1 << Fault.POSITION_LOST

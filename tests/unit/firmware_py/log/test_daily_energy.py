@@ -1,7 +1,9 @@
 import pytest
 
-from firmware_py.log.daily_energy import MAX_ROW_S, read_rows
+from firmware_py.log.daily_energy import read_rows
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
+
+MAX_ROW_S = 600.0
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,10 @@ import struct
 
 import pytest
 
-from firmware_py.log.dataflash import (
-    FMT,
-    FMT_BYTES,
-    MULTIPLIERS,
-    TEXT_BYTES,
-    UNITS,
-    MessageType,
-    Parser,
-    decode_text,
-    header,
-)
+from firmware_py.log.dataflash import FMT, MULTIPLIERS, UNITS, MessageType, Parser, decode_text, header
+
+FMT_BYTES = 89
+TEXT_BYTES = 64
 
 ONE = MessageType(200, "ONE", "TimeUS,A,B", "Qbd", "s-r", "F-0")
 TWO = MessageType(201, "TWO", "TimeUS,T", "QZ", "s-", "F-")

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.log.disk import MIN_FREE_FILES, LocalDisk, log_files
+from firmware_py.log.disk import LocalDisk, log_files
+
+MIN_FREE_FILES = 8
 
 NOW_S = 1_900_000_000.0
 DAY_S = 86_400.0

@@ -13,9 +13,11 @@ from firmware_py.faults.table import Fault
 from firmware_py.log import ardupilot, thin_file
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import log_files
-from firmware_py.log.thin import HEAD, MAX_BURST_ROWS, ThinLog
+from firmware_py.log.thin import HEAD, ThinLog
 from firmware_py.log.thin_file import ThinFile
 from support.faulty_disk import KINDS, FaultyDisk
+
+MAX_BURST_ROWS = 20.0
 
 UTC_S = 1.8e9
 

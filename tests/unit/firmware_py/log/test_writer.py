@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.log.writer import CHUNK_BYTES, LogWriter
+from firmware_py.log.writer import LogWriter
+
+CHUNK_BYTES = 1 << 18
 
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
 READ_ONLY = OSError(errno.EROFS, "Read-only file system")

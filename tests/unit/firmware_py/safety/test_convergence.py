@@ -4,7 +4,9 @@ import math
 
 import pytest
 
-from firmware_py.safety.convergence import DETECTION_TIME_S, IDLE, update
+from firmware_py.safety.convergence import IDLE, update
+
+DETECTION_TIME_S = 300.0
 
 LIMIT_RAD = math.radians(30.0)
 

@@ -4,19 +4,15 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel
-from firmware_py.safety.oscillation import (
-    DETECTION_EVIDENCE,
-    HOLD_S,
-    MAX_EVIDENCE,
-    MAX_HOLD_S,
-    MAX_REDUCTION,
-    NO_HALF,
-    REDUCTION_STEP,
-    WAIT_HALF_CYCLES,
-    OscillationInput,
-    OscillationState,
-    update,
-)
+from firmware_py.safety.oscillation import NO_HALF, OscillationInput, OscillationState, update
+
+DETECTION_EVIDENCE = 25.0
+HOLD_S = 600.0
+MAX_EVIDENCE = 50.0
+MAX_HOLD_S = 86400.0
+MAX_REDUCTION = 16.0
+REDUCTION_STEP = 8.0
+WAIT_HALF_CYCLES = 2.0
 
 MODEL = KtModel.of(ParameterSet())
 

@@ -7,12 +7,15 @@ import pytest
 
 from firmware_py.common.records import PowerSample
 from firmware_py.safety import power_monitor
-from firmware_py.safety.power_monitor import COMPANION, MAX_AGE_S, PowerMonitorState, read_supply, update
+from firmware_py.safety.power_monitor import PowerMonitorState, read_supply, update
 from firmware_py.sensors.vedirect import VeDirectPower
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.ship.disturbances import Supply as PowerOptions
 from hil.ship.power_plant import Place, PowerPlant
 from support.line import FakeLine
+
+COMPANION = 2
+MAX_AGE_S = 15.0
 
 MIDNIGHT_UTC_S = 1_782_000_000.0 - 1_782_000_000.0 % 86_400.0
 

@@ -6,14 +6,10 @@ from itertools import pairwise
 import pytest
 
 from firmware_py.common.records import RudderStatus
-from firmware_py.safety.rudder_monitor import (
-    RELIEF_S,
-    TRIAL_S,
-    RudderMonitorSettings,
-    RudderMonitorState,
-    release_command,
-    update,
-)
+from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState, release_command, update
+
+RELIEF_S = 10.0
+TRIAL_S = 1.2
 
 
 class Servo:

@@ -6,16 +6,12 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.steering_loss import (
-    CORRELATION_S,
-    INITIAL_DISTURBANCE_RAD,
-    MIN_GUST_RAD2_S,
-    NOISE_SHARE,
-    RESPONSES,
-    SteeringLossState,
-    restart_after_gap,
-    update,
-)
+from firmware_py.safety.steering_loss import RESPONSES, SteeringLossState, restart_after_gap, update
+
+CORRELATION_S = 100.0
+INITIAL_DISTURBANCE_RAD = math.radians(2.0)
+MIN_GUST_RAD2_S = math.radians(6.0) ** 2
+NOISE_SHARE = 0.7
 
 SPEED_M_S, BLOCK_S, SD_RAD = 0.9, 2.0, radians(1.0)
 

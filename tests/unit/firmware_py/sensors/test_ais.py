@@ -8,8 +8,12 @@ import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
-from firmware_py.sensors.ais import MAX_PENDING_REPORTS, MAX_REPORTS_PER_TICK, MAX_SENTENCES_HZ, AisOptions, AisReceiver
+from firmware_py.sensors.ais import AisOptions, AisReceiver
 from hil.devices.ais_frames import position_a, position_b, sentences, static_a, static_b
+
+MAX_PENDING_REPORTS = 256
+MAX_REPORTS_PER_TICK = 40
+MAX_SENTENCES_HZ = 80.0
 
 
 @pytest.fixture

@@ -2,8 +2,11 @@
 
 import pytest
 
-from firmware_py.sensors.ais_sentences import MAX_INCOMPLETE, MAX_MESSAGE_S, Assembler, SentenceFinder
+from firmware_py.sensors.ais_sentences import Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
+
+MAX_INCOMPLETE = 16
+MAX_MESSAGE_S = 10.0
 
 SENTENCE = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\r\n"
 

@@ -3,7 +3,11 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.sensors.device_monitor import ERROR_HOLD_S, MAX_TEXT_LENGTH, SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import DeviceMonitor
+
+ERROR_HOLD_S = 10.0
+MAX_TEXT_LENGTH = 60
+SILENT_AFTER_S = 2.0
 
 
 @pytest.fixture

@@ -2,9 +2,11 @@
 
 import pytest
 
-from firmware_py.sensors.line_tee import MAX_QUEUED_BYTES, LineTee
+from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
+
+MAX_QUEUED_BYTES = 65536
 
 
 @pytest.fixture

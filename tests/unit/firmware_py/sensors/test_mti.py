@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from firmware_py.common.records import DeviceState, NorthReference
-from firmware_py.sensors.mti import DATA_TIMEOUT_S, REPLY_TIMEOUT_S, WAKE_UP_S, MtiCompass, MtiOptions
+from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from hil.devices.mti import MtiEmulator
+
+DATA_TIMEOUT_S = 1.0
+REPLY_TIMEOUT_S = 0.5
+WAKE_UP_S = 0.05
 
 GO_TO_CONFIG, ASK_OUTPUT, GO_TO_MEASUREMENT, WAKE_UP_ACK = (
     bytes.fromhex(text) for text in ("FAFF3000D1", "FAFFC00041", "FAFF1000F1", "FAFF3F00C2")

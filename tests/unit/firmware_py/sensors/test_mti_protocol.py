@@ -4,7 +4,9 @@ import pytest
 
 from firmware_py.sensors import mti_protocol as xbus
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError
-from firmware_py.sensors.mti_protocol import EACH_MESSAGE, Message
+from firmware_py.sensors.mti_protocol import Message
+
+EACH_MESSAGE = 0xFFFF
 
 # Counter, time, status, rate of turn.
 DATA = bytes.fromhex("FAFF3622 1020021234 1060040001E240 E0200400000003 80200C0000000000000000BE000000 29")

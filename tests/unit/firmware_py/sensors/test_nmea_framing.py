@@ -2,7 +2,9 @@
 
 import pytest
 
-from firmware_py.sensors.nmea_framing import MAX_BODY_LENGTH, NmeaFramer
+from firmware_py.sensors.nmea_framing import NmeaFramer
+
+MAX_BODY_LENGTH = 1024
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57"
 HDT = b"$HEHDT,341.8,T*21"

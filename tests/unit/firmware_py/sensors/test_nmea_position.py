@@ -7,7 +7,9 @@ import math
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState, FixType
-from firmware_py.sensors.nmea_position import EPOCH_TIMEOUT_S, NmeaPosition, NmeaPositionOptions
+from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
+
+EPOCH_TIMEOUT_S = 0.5
 
 NORTH_SEA = "5327.03942,N,00214.42462,W"
 VTG = "GNVTG,90.0,T,,M,2.0,N,3.7,K,A"

@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import CalibrationState
-from firmware_py.sensors.pni_calibration import POINT_COUNT, PniCalibration
+from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
+
+POINT_COUNT = 12
 
 NONE, RUNNING, DONE, FAILED = CalibrationState
 

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from firmware_py.common.records import DeviceState, NorthReference
-from firmware_py.sensors.pni_tcm import COMMAND_INTERVAL_S, DATA_TIMEOUT_S, PniCompass, PniOptions
+from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
+
+COMMAND_INTERVAL_S = 0.05
+DATA_TIMEOUT_S = 1.0
 
 DATA, CONFIG_DONE, POWER_UP, ACQUISITION_DONE = 5, 19, 23, 26
 

@@ -4,9 +4,11 @@ import datetime as dt
 
 import pytest
 
-from firmware_py.common.calendar import ROLLOVER_S
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, FixType, PositionSample
-from firmware_py.sensors.receiver_time import MIN_AGREEING_FIXES, TimeCorrectedPosition
+from firmware_py.sensors.receiver_time import TimeCorrectedPosition
+
+ROLLOVER_S = 1024.0 * 7.0 * 86_400.0  # GPS weeks have 10 bits
+MIN_AGREEING_FIXES = 5
 
 NOW_S = dt.datetime(2026, 11, 22, tzinfo=dt.UTC).timestamp()
 GPS_EPOCH_S = dt.datetime(1980, 1, 6, tzinfo=dt.UTC).timestamp()

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from firmware_py.common.records import DeviceRole, DeviceState, PowerSample
 from firmware_py.devices import decode
 from firmware_py.sensors.vedirect import VeDirectPower
-from firmware_py.sensors.vedirect_blocks import MAX_BLOCK_BYTES, BlockFramer
+from firmware_py.sensors.vedirect_blocks import BlockFramer
+
+MAX_BLOCK_BYTES = 1024
 
 
 def block(**fields):

@@ -4,9 +4,15 @@ import math
 
 import pytest
 
-from firmware_py.common.calendar import DAY_S, FIRST_UTC_S, LAST_UTC_S
+from firmware_py.common.calendar import DAY_S
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.system.clock_setter import SET_IF_INVALID, SET_IF_UNSYNCHRONISED, SET_NEVER, ClockSetter
+from firmware_py.system.clock_setter import ClockSetter
+
+FIRST_UTC_S = 1_767_225_600.0
+LAST_UTC_S = 4_102_444_800.0
+SET_IF_INVALID = 1
+SET_IF_UNSYNCHRONISED = 2
+SET_NEVER = 0
 
 TRUE_S = FIRST_UTC_S + 1e7
 

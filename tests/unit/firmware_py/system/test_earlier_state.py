@@ -11,7 +11,7 @@ from firmware_py.assemble.supervision import read_endings
 from firmware_py.assemble.trial import TrialWatch
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
-from firmware_py.install.program_link import TRIAL_S, UPDATE_FILE, ProgramLink
+from firmware_py.install.program_link import UPDATE_FILE, ProgramLink
 from firmware_py.install.update import _has_passed
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes, to_bytes
 from firmware_py.system.slots import examine, read_content
@@ -20,6 +20,8 @@ from firmware_py.system.state_export import Export, begin_import
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk
 from support.paths import DATA
+
+TRIAL_S = 120.0
 
 EARLIER = DATA / "earlier_state"  # of commit e343f391
 RECORDS = {path.name: path.read_bytes() for path in EARLIER.glob("*.state.*") if path.name != f"{UPDATE_FILE}.0"}

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from firmware_py.system.endings import (
     ENDED_FILE,
-    MAX_ENDINGS,
     REASON_FILE,
     TRACEBACK_FILE,
     Ending,
@@ -22,6 +21,8 @@ from firmware_py.system.endings import (
     parse_ending,
     to_bytes,
 )
+
+MAX_ENDINGS = 20
 
 NOW_S = 1_767_225_600.0
 

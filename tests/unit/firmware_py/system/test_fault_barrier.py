@@ -2,7 +2,10 @@
 
 import pytest
 
-from firmware_py.system.fault_barrier import ERROR_WINDOW_S, MAX_ERRORS, FaultBarrier
+from firmware_py.system.fault_barrier import FaultBarrier
+
+ERROR_WINDOW_S = 600.0
+MAX_ERRORS = 5
 
 
 def fail():

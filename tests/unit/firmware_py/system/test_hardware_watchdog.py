@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from firmware_py.system import watchdogs
-from firmware_py.system.watchdogs import INTERVAL_S, TIMEOUT_S, HardwareWatchdog, WatchdogError
+from firmware_py.system.watchdogs import HardwareWatchdog, WatchdogError
+
+INTERVAL_S = 2.0
+TIMEOUT_S = 15
 
 
 @pytest.fixture

@@ -3,7 +3,10 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
-from firmware_py.system.health import STATION_TIMEOUT_S, STEP_REPORT_S, ClockMonitor, HealthMonitor
+from firmware_py.system.health import ClockMonitor, HealthMonitor
+
+STATION_TIMEOUT_S = 5.0
+STEP_REPORT_S = 10.0
 
 RUNNING, FAULTY, SILENT = DeviceState.RUNNING, DeviceState.FAULTY, DeviceState.SILENT
 

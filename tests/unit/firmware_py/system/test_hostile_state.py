@@ -14,15 +14,11 @@ from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.satellite.record import to_bytes as satellite_to_bytes
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes, to_bytes
 from firmware_py.system.slots import is_secret
-from firmware_py.system.state_directory import (
-    MAX_UNUSABLE_PARAMETERS,
-    PARAMETER_FILE,
-    PLAN_FILES,
-    STATE_NAMES,
-    read_parameters,
-)
+from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, STATE_NAMES, read_parameters
 from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, Export, pack
 from firmware_py.system.store import Store
+
+MAX_UNUSABLE_PARAMETERS = 200
 
 MISSION = PLAN_FILES[PlanKind.MISSION]
 TEMPORARY_FILES = (".import.done", f".{PENDING_IMPORT}.new")

@@ -4,7 +4,9 @@ import json
 import subprocess
 import sys
 
-from firmware_py.system.realtime import MAX_UNUSED_BYTES, large_page_addresses
+from firmware_py.system.realtime import large_page_addresses
+
+MAX_UNUSED_BYTES = 96 << 10
 
 MAPS = """\
 10000-13000 rw-p 00000000 00:00 0

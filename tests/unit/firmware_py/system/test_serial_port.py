@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 from firmware_py.system.port_users import find_port_users
-from firmware_py.system.serial_port import MAX_EMPTY_READS, MAX_UNSENT_BYTES, PortError, SerialPort
+from firmware_py.system.serial_port import PortError, SerialPort
+
+MAX_EMPTY_READS = 16
+MAX_UNSENT_BYTES = 4096
 
 
 class Cable:

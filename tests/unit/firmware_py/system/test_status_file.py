@@ -9,7 +9,6 @@ import pytest
 
 from firmware_py.install.environment import Environment, create_work_directory
 from firmware_py.system.status_file import (
-    MAX_AGE_S,
     Freshness,
     StatusFile,
     file_name,
@@ -17,6 +16,8 @@ from firmware_py.system.status_file import (
     find_status,
     is_in_memory,
 )
+
+MAX_AGE_S = 5.0
 
 NOW_S = 1000.0
 OTHER_UID = 4242

@@ -37,7 +37,9 @@ from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.system.status_report import MAX_EVENTS, SECTIONS, StatusReporter, StatusSources
+from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSources
+
+MAX_EVENTS = 30
 
 PEER = PeerStatus("10.0.0.7:14550", True, True, False, 0.45, 1200, 3, 1)
 LINKS = (

@@ -3,7 +3,10 @@
 import json
 import math
 
-from firmware_py.view.history import COLUMNS, MAX_MARKS, MAX_ROWS, History
+from firmware_py.view.history import COLUMNS, History
+
+MAX_MARKS = 300
+MAX_ROWS = 2400
 
 
 def read_all(history):

@@ -10,7 +10,10 @@ import pytest
 from firmware_py.view import server as server_module
 from firmware_py.view.guard import Guard, ViewError
 from firmware_py.view.history import History
-from firmware_py.view.server import MAX_BACKLOG, MAX_CONNECTIONS, Hub, ViewServer
+from firmware_py.view.server import Hub, ViewServer
+
+MAX_BACKLOG = 64
+MAX_CONNECTIONS = 32
 
 TIMEOUT_S = 30.0
 

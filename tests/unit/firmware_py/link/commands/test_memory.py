@@ -4,7 +4,9 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_py.link.commands.server import CommandMemory, CommandRecord
-from firmware_py.link.peers import DUPLICATE_S, PeerPath, Station
+from firmware_py.link.peers import PeerPath, Station
+
+DUPLICATE_S = 10.0
 
 RETRY_S, SATELLITE_RETRY_S, RELATIVE_RETRY_S, REPEAT_S, OVERTAKEN_S = 5.0, 600.0, 30.0, 1.0, 2.0
 MAX_COMMANDS = 32

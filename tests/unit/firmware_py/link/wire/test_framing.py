@@ -5,7 +5,10 @@ import random
 import pytest
 
 from firmware_py.link.wire.dialect import mavlink
-from firmware_py.link.wire.frames import LATE_S, STALE_S, Splitter
+from firmware_py.link.wire.frames import Splitter
+
+LATE_S = 10.0
+STALE_S = 0.5
 
 FALSE_START = b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00"
 LONG_TEXT = b"x" * 50
