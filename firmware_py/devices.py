@@ -87,7 +87,11 @@ RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
     "rudder",
     DeviceRole.RUDDER,
     (RudderFeedback,),
-    {"dynamixel": "firmware_py.actuator.dynamixel:DRIVER", "volz": "firmware_py.actuator.volz:DRIVER"},
+    {
+        "dynamixel": "firmware_py.actuator.dynamixel:DRIVER",
+        "volz": "firmware_py.actuator.volz:DRIVER",
+        "feetech": "firmware_py.actuator.feetech:DRIVER",
+    },
 )
 POWERS: DriverRegistry[Power] = DriverRegistry(
     "power", DeviceRole.POWER, (PowerSample,), {"vedirect": "firmware_py.sensors.vedirect:DRIVER"}

@@ -61,7 +61,11 @@ COMPASSES: Registry[EmulatedDevice] = Registry(
 SERVOS: Registry[EmulatedDevice] = Registry(
     EMULATORS,
     "servo",
-    {"dynamixel": "hil.devices.dynamixel:EMULATOR", "volz": "hil.devices.volz:EMULATOR"},
+    {
+        "dynamixel": "hil.devices.dynamixel:EMULATOR",
+        "volz": "hil.devices.volz:EMULATOR",
+        "feetech": "hil.devices.feetech:EMULATOR",
+    },
     EmulatedDevice,
     INTERFACE,
 )

@@ -7,7 +7,7 @@ import operator
 import struct
 from functools import partial
 
-from firmware_py.actuator import dynamixel_frames, volz_frames
+from firmware_py.actuator import dynamixel_frames, feetech_protocol, volz_frames
 from firmware_py.common.records import DeviceState, RudderCommand
 from firmware_py.devices import CAPTURE_FORMATS, SECTIONS, calibrator_of, decode
 from firmware_py.sensors import mti_protocol, pni_protocol
@@ -48,6 +48,12 @@ def frame_volz(body):
     return volz_frames.request(code, 1, argument)
 
 
+def frame_feetech(body):
+    """Frame a body whose first byte is the status; a longer one is cut or filled to the length of a state."""
+    data = body[:1].ljust(1, b"\0") + (body[1:].ljust(31, b"\0")[:46] if len(body) > 1 else b"")
+    return feetech_protocol.instruction(1, *data)
+
+
 def frame_ais(body):
     """Frame bytes as an AIS message of one sentence; the payload has only characters of the armouring."""
     payload = b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body)
@@ -69,6 +75,7 @@ FRAMINGS = {
     "ubx": frame_ubx,
     "dynamixel": frame_dynamixel,
     "volz": frame_volz,
+    "feetech": frame_feetech,
     "vedirect": frame_vedirect,
     "ais": frame_ais,
 }

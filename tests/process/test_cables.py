@@ -136,3 +136,24 @@ def test_ports_that_appear_later_are_used_and_links_without_an_address_have_no_e
     bench.run_until_written("Rudder servo responding again")
     bench.run(1.5)
     assert responds_to_heading(bench)
+
+
+def test_feetech_servo_is_used_again_after_cable_and_power_losses_and_foreign_bytes(make_moored_boat):
+    bench = make_moored_boat("nmea", "feetech").start()
+    bench.run_until_written("Mode GUIDED")
+    line = bench.lines["rudder"]
+    for _ in range(10):
+        line.write(b"\xff\xff\x01\x21\x00\x01\xfe" + bytes(range(40)))
+        bench.run(0.05)
+    assert "Rudder servo not responding" not in bench.output_text()
+    line.unplug()
+    bench.run_until_written("Rudder servo not responding")
+    line.plug()
+    bench.run_until_written("Rudder servo responding again")
+    bench.servo.stored[33] = 3  # another operating mode after the power loss
+    bench.servo.power_cycle(bench.world.now_s, off_s=0.5)
+    bench.run_until_written("Rudder servo lost power: configured again")
+    bench.run(0.5)
+    assert responds_to_heading(bench)
+    assert (bench.servo.table[33], bench.servo.stored[33]) == (0, 3)
+    assert replays(bench)

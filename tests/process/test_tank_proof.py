@@ -16,7 +16,7 @@ CONTROLLERS = {"tank_proof_delivered": [], "tank_proof": ["--set", "CTL_MODE=0",
 @pytest.mark.parametrize("name", CONTROLLERS)
 @pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("compass", ["nmea", "pni"])
-@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
+@pytest.mark.parametrize("servo", ["dynamixel", "volz", "feetech"])
 def test_tank_task_meets_the_error_limits(tmp_path, figures, name, seed, compass, servo):
     words = ["run", "tank", "--speed", "max", "--seed", str(seed), "--compass", compass, "--servo", servo]
     code, _, errors = rambler_hil(*words, *CONTROLLERS[name], "--out", tmp_path)

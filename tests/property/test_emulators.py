@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.devices.dynamixel import DynamixelEmulator
+from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
@@ -32,6 +33,7 @@ DYNAMIXEL_PING = bytes.fromhex("FFFFFD0001030001194E")
 PNI_MOD_INFO = bytes.fromhex("000501EFD4")
 MTI_GOTO_CONFIG = bytes.fromhex("FAFF3000D1")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
+FEETECH_PING = bytes.fromhex("FFFF010201FB")
 
 # Device -> emulator, request, and the start of its reply.
 DEVICES = {
@@ -39,6 +41,7 @@ DEVICES = {
     "pni": (lambda: PniTcmEmulator(StillBoat(), rng()), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
     "mti": (lambda: MtiEmulator(StillBoat(), rng()), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
     "volz": (lambda: VolzEmulator(ServoShaft(), rng()), VOLZ_CURRENT, b"\x30\x01"),
+    "feetech": (lambda: FeetechEmulator(ServoShaft(), rng()), FEETECH_PING, b"\xff\xff\x01\x02\x00\xfc"),
 }
 # Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.one_of(
@@ -48,6 +51,8 @@ PIECES = st.one_of(
         b"\x01\x0e\x06", b"\x00\x05", bytes.fromhex("000515BD61"), bytes.fromhex("000A030405181908DACC"),
         bytes.fromhex("000F180000000000003DCCCCCDF971"), b"\xff\xff\xfd\x00\xfe\x09\x00\x83",
         MTI_GOTO_CONFIG, bytes.fromhex("FAFF1000F1"), bytes.fromhex("FAFFC00041"), b"\xfa\xff\xc0\x80",
+        FEETECH_PING, b"\xff\xff\x01\xff", bytes.fromhex("FFFF01070328010055096D"),
+        bytes.fromhex("FFFF01040228FFD1"), bytes.fromhex("FFFF01040228FAD6"), bytes.fromhex("FFFFFE0205FA"),
         bytes.fromhex("FAFFC00420340005E4"), bytes.fromhex("FAFFC004E020FFFF3F"), bytes.fromhex("FAFF3F00C2"),
     ]),
 )  # fmt: skip

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.actuator import dynamixel_frames, volz_frames
+from firmware_py.actuator import dynamixel_frames, feetech_protocol, volz_frames
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
 from support.line import FakeLine
@@ -18,6 +19,8 @@ STATUS_PACKET = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00"
 STUFFED = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x80\xff\xff\xfd\x00\x01")
 SHORT_PACKET = dynamixel_frames.instruction(1, dynamixel_frames.STATUS, b"\x00")
 POSITION_REPLY = volz_frames.request(volz_frames.POSITION_REPLY, 1, 0x0812)
+STATE = bytes((1, 0, 0x55, 9)) + bytes(11) + bytes((1, 0x55, 9, 0, 0, 0, 0, 121, 31)) + bytes(7)
+STATE_REPLY = feetech_protocol.instruction(1, 0, *STATE)
 
 # Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.sampled_from(
@@ -26,6 +29,9 @@ PIECES = st.sampled_from(
         STUFFED,
         SHORT_PACKET,
         POSITION_REPLY,
+        STATE_REPLY,
+        STATE_REPLY[:9],
+        STATE_REPLY[5:],
         STATUS_PACKET[:9],
         STATUS_PACKET[5:],
         b"\xff\xff\xfd\x00\x01\x30\x00\x55",
@@ -36,6 +42,7 @@ NOISE = st.lists(PIECES | st.binary(max_size=12), max_size=12).map(b"".join)
 PARSERS = {
     "dynamixel": (lambda: dynamixel_frames.StatusParser(MAX_LENGTH), STATUS_PACKET, 7 + MAX_LENGTH),
     "volz": (lambda: volz_frames.ReplyParser(1), POSITION_REPLY, volz_frames.FRAME_SIZE),
+    "feetech": (lambda: feetech_protocol.ReplyParser(1), STATE_REPLY, 52),
 }
 
 
@@ -90,6 +97,31 @@ def test_single_bit_flip_is_rejected_volz(argument, code, bit):
     assert volz_frames.ReplyParser(1).feed(bytes(damaged)) == []
 
 
+@given(st.integers(0, 4095), st.integers(0), st.integers(1, 255), st.integers(0, 4095))
+def test_one_damaged_byte_never_gives_a_wrong_angle_feetech(position, place, change, next_position):
+    """The sum detects every damage to one byte, but only 255 of 256 damages to two bytes."""
+    frames = [feetech_state_reply(counts) for counts in (position, next_position)]
+    frames[0][place % len(frames[0])] ^= change
+    replies = feetech_protocol.ReplyParser(1).feed(bytes(frames[0] + frames[1]))
+    assert [feetech_protocol.decode_state(reply.data).shaft_rad for reply in replies] == [
+        (next_position - 2048) * math.tau / 4096
+    ]
+
+
+@given(st.integers(0, 4095), st.integers(0, 36))
+def test_lost_byte_never_gives_a_wrong_angle_feetech(position, place):
+    """The driver clears the parser before the next request, so the reply remains unfinished."""
+    frame = feetech_state_reply(position)
+    del frame[place]
+    assert feetech_protocol.ReplyParser(1).feed(bytes(frame)) == []
+
+
+def feetech_state_reply(position):
+    data = bytearray(STATE)
+    data[16:18] = position.to_bytes(2, "little")
+    return bytearray(feetech_protocol.instruction(1, 0, *data))
+
+
 ANGLES = st.floats() | st.floats(-2.0, 2.0)
 STEPS = st.lists(st.tuples(NOISE, ANGLES, st.booleans(), st.floats(0.0, 0.6)), max_size=40)
 
@@ -97,6 +129,7 @@ STEPS = st.lists(st.tuples(NOISE, ANGLES, st.booleans(), st.floats(0.0, 0.6)), m
 DRIVERS = {
     "dynamixel": lambda line: dynamixel_rudder(line, DynamixelOptions()),
     "volz": lambda line: volz_rudder(line, VolzOptions()),
+    "feetech": lambda line: feetech_rudder(line, FeetechOptions()),
 }
 
 

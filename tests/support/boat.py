@@ -15,6 +15,7 @@ from firmware_py.log.disk import log_files
 from firmware_py.system.status_file import DIRECTORIES, file_name
 from firmware_py.system.store import Store
 from hil.devices.dynamixel import DynamixelEmulator
+from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
@@ -35,7 +36,11 @@ from hil.sim.process import AutopilotProcess
 from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
-SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
+SERVOS = {
+    "dynamixel": (DynamixelEmulator, 57600),
+    "volz": (VolzEmulator, 115200),
+    "feetech": (FeetechEmulator, 1_000_000),
+}
 COMPASSES = {"nmea": ("nmea", NmeaCompassEmulator), "pni": ("pni_tcm", PniTcmEmulator), "mti": ("mti", MtiEmulator)}
 GUIDED = 15
 END_S = 15.0  # maximum time in which the rudder is centred and the log is closed

@@ -43,6 +43,11 @@ def volz_frame(code, device_id, first, second):
     return head + struct.pack(">H", crc16(head, 0xFFFF))
 
 
+def feetech_frame(device_id, status, data=b""):
+    body = bytes((device_id, len(data) + 2, status)) + data
+    return b"\xff\xff" + body + bytes((255 - sum(body) % 256,))
+
+
 class FakeDynamixel:
     """An XW540 that replies at once, with the registers that the driver uses."""
 
@@ -192,6 +197,77 @@ class FakeVolz:
         return volz_frame(VOLZ_REPLIES[frame[0]], self.device_id, first, second)
 
 
+class FakeFeetech:
+    """An STS3215 that replies at once, with the registers that the driver uses."""
+
+    def __init__(self, device_id=1):
+        self.device_id = device_id
+        self.powered = True
+        self.stored = bytearray(40)  # the EEPROM area
+        self.stored[:9] = bytes((3, 10, 0, 9, 3, device_id, 0, 0, 1))
+        self.stored[11:13] = b"\xff\x0f"
+        self.registers = bytearray(71)
+        self.position = 2048
+        self.status = 0
+        self.ignored_addresses = set()  # addresses whose writes have no effect
+        self.writes = []  # address, bytes, torque
+        self.reads = []
+        self.restart()
+
+    def restart(self):
+        """Start as at power-up."""
+        self.registers = bytearray(71)
+        self.registers[:40] = self.stored
+        self.registers[55] = 1
+        self.registers[62:64] = bytes((121, 31))
+        self.registers[69:71] = b"\x0a\x80"  # -10 counts
+
+    def put(self, address, value):
+        self.registers[address : address + 2] = value.to_bytes(2, "little")
+
+    def get(self, address):
+        return int.from_bytes(self.registers[address : address + 2], "little")
+
+    @property
+    def goal(self):
+        return self.get(42)
+
+    def cut_torque(self, status):
+        self.status, self.registers[40] = status, 0
+
+    def handle(self, frame):
+        body = frame[2:-1]
+        assert frame[:2] == b"\xff\xff"
+        assert body[1] == len(frame) - 4
+        assert (sum(body) + frame[-1]) & 0xFF == 0xFF
+        if not self.powered or body[0] != self.device_id:
+            return b""
+        data, level = b"", self.registers[8]
+        if body[2] == 2:
+            address, count = body[3:]
+            self.reads.append(address)
+            self.put(56, self.position)
+            self.registers[65] = self.status
+            data = bytes(self.registers[address : address + count])
+            assert len(data) == count
+        else:
+            assert body[2] == 3
+            self.write(body[3], body[4:])
+            if not level:
+                return b""
+        return feetech_frame(self.device_id, self.status, data)
+
+    def write(self, address, data):
+        self.writes.append((address, bytes(data), self.registers[40]))
+        for place, value in enumerate(data, address):
+            if place not in self.ignored_addresses:
+                self.registers[place] = value
+        if address < 40 and not self.registers[55]:
+            self.stored[:] = self.registers[:40]
+        if self.registers[40] == 1 and self.registers[33] == 0:
+            self.position = self.goal
+
+
 class Rig:
     """Runs a driver as the loop does: in each tick receive, command, and then `slack` calls of receive."""
 
@@ -224,7 +300,9 @@ def fakes():
         late_line=LateLine,
         dynamixel=FakeDynamixel,
         volz=FakeVolz,
+        feetech=FakeFeetech,
         rig=Rig,
         status_frame=status_frame,
         volz_frame=volz_frame,
+        feetech_frame=feetech_frame,
     )

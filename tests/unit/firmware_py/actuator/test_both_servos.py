@@ -1,18 +1,19 @@
-"""Common behaviour of both servo drivers."""
+"""Common behaviour of the servo drivers."""
 
 import math
 
 import pytest
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
 
-COUNTS_PER_DEG = {"dynamixel": 4096 / 360, "volz": 19.2}
-NOISE = {"dynamixel": b"\xff\xff\xfd\x00\x01\x00", "volz": b"\x2c\x01\xdc"}
+COUNTS_PER_DEG = {"dynamixel": 4096 / 360, "volz": 19.2, "feetech": 4096 / 360}
+NOISE = {"dynamixel": b"\xff\xff\xfd\x00\x01\x00", "volz": b"\x2c\x01\xdc", "feetech": b"\xff\xff\x01\x21\x00"}
 
 
-@pytest.fixture(params=["dynamixel", "volz"])
+@pytest.fixture(params=["dynamixel", "volz", "feetech"])
 def kind(request):
     return request.param
 
@@ -33,6 +34,7 @@ def driver(kind):
     drivers = {
         "dynamixel": lambda line: dynamixel_rudder(line, DynamixelOptions()),
         "volz": lambda line: volz_rudder(line, VolzOptions()),
+        "feetech": lambda line: feetech_rudder(line, FeetechOptions()),
     }
     return drivers[kind]
 
@@ -84,7 +86,7 @@ def test_servo_is_used_again_after_the_line_is_reopened(rig, servo, line, kind, 
     rig.ticks(8)
     assert rig.health().state is DeviceState.STARTING  # no reply since the line was opened
     servo.powered = True
-    if kind == "dynamixel":
+    if kind != "volz":
         servo.restart()
     rig.ticks(6, shaft_deg=10.0)
     assert rig.health().state is DeviceState.RUNNING
@@ -107,6 +109,8 @@ def test_echo_and_noise_are_skipped(rig, line, servo, kind, counts):
         (DynamixelOptions, -1, "0 to 252"),
         (VolzOptions, 0, "1 to 30"),
         (VolzOptions, 31, "1 to 30"),
+        (FeetechOptions, 254, "0 to 253"),
+        (FeetechOptions, -1, "0 to 253"),
     ],
 )
 def test_invalid_id_is_rejected(options, device_id, allowed):

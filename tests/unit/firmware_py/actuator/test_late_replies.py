@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.dynamixel_registers import GOAL_READS
+from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
 
@@ -188,6 +189,43 @@ def test_feedback_of_a_volz_with_late_replies_has_the_time_of_the_request(fakes)
         assert round(sample.shaft_rad / radians_per_count) + 0x0800 in recorder.positions_by_time[sample.t_s]
     assert len(rig.line.request_times_s) > before
     assert set(rig.states[10:]) == {DeviceState.RUNNING}
+
+
+def feetech(line):
+    return feetech_rudder(line, FeetechOptions())
+
+
+@pytest.mark.parametrize("reply_delay_s", [0.02, 0.06, 0.12, 0.24, 0.33])
+def test_constant_reply_delay_of_a_feetech_is_no_fault(fakes, reply_delay_s):
+    servo = fakes.feetech()
+    rig, recorder = late_rig(fakes, servo, lambda: reply_delay_s, feetech, baud=115_200)
+    rig.ticks(CONFIGURED_TICKS)
+    rig.states.clear()
+    servo.writes.clear()
+    feedback = rig.ticks(200)
+    assert set(rig.states) == {DeviceState.RUNNING}
+    assert len(feedback) >= 100
+    assert recorder.has_true_positions(feedback)
+    assert {address for address, _, _ in servo.writes} == {42}
+    assert len(servo.writes) >= 100
+
+
+@given(DELAYS, st.sampled_from([0.1, 0.04, 0.02, 0.5]), st.sampled_from([115_200, 1_000_000]))
+def test_feedback_of_a_feetech_after_any_delays_is_not_newer_than_stated(fakes, delays, period_s, baud):
+    servo = fakes.feetech()
+    rig, recorder = late_rig(fakes, servo, lambda: 0.0, feetech, period_s=period_s, baud=baud)
+    rig.ticks(CONFIGURED_TICKS)
+    rig.states.clear()
+    rig.line.delay_s = iter([*delays, *[0.0] * 10_000]).__next__
+    for _ in range(len(delays) + 5):
+        for sample in rig.tick():
+            assert sample.t_s <= recorder.last_request_s[round(sample.shaft_rad / COUNT_RAD) + 2048]
+    assert DeviceState.FAULTY not in rig.states
+    last_feedback = rig.ticks(round(3.0 / period_s) + 5)
+    assert recorder.has_true_positions(last_feedback[-3:])
+    assert last_feedback[-1].t_s >= rig.now_s - 2.0 * period_s - 1e-6
+    assert rig.states[-1] is DeviceState.RUNNING
+    assert servo.goal == servo.position
 
 
 class TestDamagedReplies:

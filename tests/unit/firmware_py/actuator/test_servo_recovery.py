@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState
 
@@ -90,3 +91,20 @@ def test_volz_recovers(fakes, sequence):
     assert disturbed.servo.position == 2048 - 384
     assert disturbed.rig.health().state is DeviceState.RUNNING
     assert feedback[-1].shaft_rad == pytest.approx(math.radians(-20.0))
+
+
+@given(SEQUENCES)
+def test_feetech_recovers(fakes, sequence):
+    disturbed = DisturbedRig(fakes, fakes.feetech(), lambda line: feetech_rudder(line, FeetechOptions()))
+    disturbed.servo.stored[33] = 3  # another operating mode after each power loss
+    disturbed.servo.restart()
+    for name, number in sequence:
+        disturbed.apply(name, number)
+    feedback = disturbed.recover()
+    assert disturbed.servo.goal == disturbed.servo.position == 2048 - 228
+    assert disturbed.rig.health().state is DeviceState.RUNNING
+    assert feedback[-1].torque_on is True
+    assert feedback[-1].shaft_rad == pytest.approx(-228 * math.tau / 4096)
+    assert disturbed.servo.stored[33] == 3
+    assert all(address in (33, 40, 41, 42) for address, _, _ in disturbed.servo.writes)
+    assert all(torque == 0 for address, _, torque in disturbed.servo.writes if address == 33)

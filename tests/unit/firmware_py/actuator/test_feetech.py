@@ -1,0 +1,422 @@
+"""Feetech driver with a simulated servo: goals, corrections, faults, power losses and late replies."""
+
+import math
+
+import pytest
+
+from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
+
+COUNT_RAD = math.tau / 4096
+ON = 1
+
+
+@pytest.fixture
+def servo(fakes):
+    return fakes.feetech()
+
+
+@pytest.fixture
+def line(fakes, servo):
+    return fakes.line(servo, baud=1_000_000)
+
+
+@pytest.fixture
+def rig(fakes, line):
+    return fakes.rig(feetech_rudder(line, FeetechOptions()))
+
+
+@pytest.fixture
+def running(rig):
+    """The rig with a servo that follows."""
+    rig.ticks(5)
+    rig.rudder.poll()
+    return rig
+
+
+def counts(shaft_deg):
+    return 2048 + round(shaft_deg * 4096 / 360)
+
+
+def test_goal_is_sent_and_feedback_returned_within_two_ticks(rig, servo):
+    last = rig.ticks(2, shaft_deg=20.0)[-1]
+    assert servo.position == counts(20.0) == 2276
+    assert last.shaft_rad == pytest.approx(228 * COUNT_RAD)
+    assert last.temperature_c == 31.0
+    assert last.voltage_v == pytest.approx(12.1)
+    assert last.current_a == pytest.approx(-0.065)
+    assert (last.hardware_error, last.torque_on, last.restarts) == (0, True, 0)
+    health = rig.health()
+    assert (health.role, health.state, health.rejected) == (DeviceRole.RUDDER, DeviceState.RUNNING, 0)
+    assert health.text == "model 777, firmware 3.10"
+
+
+def test_torque_is_switched_on_together_with_the_goal(rig, servo, line):
+    rig.ticks(2, shaft_deg=-5.0)
+    goal = counts(-5.0).to_bytes(2, "little")
+    assert servo.writes == [(41, b"\xfe", 0), (40, bytes((1, 254)) + goal, 0), (42, goal, 1)]
+    assert bytes.fromhex("FFFF 01 07 03 28 01 FE C7 07 FF") in line.written
+
+
+def test_tick_is_the_goal_and_one_read(running, servo, line):
+    line.written.clear()
+    running.ticks(1, shaft_deg=30.0)
+    assert line.written == [bytes.fromhex("FFFF 01 05 03 2A 55 09 6E"), bytes.fromhex("FFFF 01 04 02 28 1F B1")]
+    assert sum(map(len, line.written)) + 6 + 37 == 60
+
+
+def test_goal_is_the_first_request_of_every_tick(running, servo, line):
+    for _ in range(100):
+        line.written.clear()
+        running.ticks(1)
+        assert [frame[4] for frame in line.written] == [3, 2]
+
+
+def test_nothing_is_written_before_the_first_command(fakes, servo, line):
+    servo.registers[33] = 1
+    rudder = feetech_rudder(line, FeetechOptions())
+    for tick in range(100):
+        rudder.receive(0.02 * tick)
+    assert servo.writes == []
+    assert 3 <= len(line.written) < 40
+    assert rudder.health(2.0).state is DeviceState.RUNNING
+    servo.registers[33] = 0
+
+
+def test_angle_is_measured_before_the_first_command(servo, line):
+    servo.position = 2500
+    rudder = feetech_rudder(line, FeetechOptions())
+    for tick in range(20):
+        rudder.receive(0.1 * tick)
+    feedback = rudder.poll()
+    assert len(feedback) >= 4
+    assert feedback[-1].shaft_rad == pytest.approx(452 * COUNT_RAD)
+    assert feedback[-1].torque_on is False
+
+
+def test_command_without_an_angle_holds_the_measured_one(rig, servo):
+    servo.position = 1900
+    rig.ticks(3, shaft_deg=math.nan)
+    assert servo.writes[1:] == [(40, bytes((1, 254)) + (1900).to_bytes(2, "little"), 0)]
+
+
+def test_settings_are_corrected_in_ram_with_the_torque_off(rig, servo):
+    servo.stored[33], servo.stored[8] = 3, 0
+    servo.restart()
+    servo.registers[55], servo.registers[40] = 0, 2
+    rig.ticks(10, shaft_deg=10.0)
+    corrections = [(address, data) for address, data, _ in servo.writes[1:5]]
+    assert corrections == [(55, b"\1"), (40, b"\0"), (33, b"\0"), (8, b"\1")]
+    assert servo.writes[3][2] == 0  # the mode with the torque off
+    assert (servo.stored[33], servo.stored[8]) == (3, 0)  # nothing is stored
+    assert servo.position == counts(10.0)
+    assert rig.health().state is DeviceState.RUNNING
+
+
+def test_correct_settings_are_not_written(running, servo):
+    assert {address for address, _, _ in servo.writes} == {40, 41, 42}
+
+
+def test_mode_that_cannot_be_set_is_a_fault_and_no_goal_is_sent(rig, servo):
+    servo.registers[33] = 3
+    servo.ignored_addresses.add(33)
+    feedback = rig.ticks(8, shaft_deg=10.0)
+    health = rig.health()
+    assert (health.state, health.text) == (DeviceState.FAULTY, "servo does not accept operating mode")
+    assert {address for address, _, _ in servo.writes} == {33, 41}
+    assert servo.position == 2048
+    assert [sample.shaft_rad for sample in feedback] == [None] * len(feedback)  # a difference in this mode
+    assert len(servo.writes) == 1 + 3
+    rig.ticks(20)  # 2 s
+    assert len(servo.writes) == 1 + 4
+    servo.ignored_addresses.clear()
+    rig.ticks(25, shaft_deg=10.0)
+    assert rig.health().state is DeviceState.RUNNING
+    assert servo.position == counts(10.0)
+
+
+@pytest.mark.parametrize(("address", "name"), [(55, "lock"), (8, "response level"), (41, "acceleration")])
+def test_optional_setting_that_cannot_be_set_is_reported_and_the_servo_is_used(rig, servo, address, name):
+    servo.registers[address] = 0
+    servo.ignored_addresses.add(address)
+    rig.ticks(9, shaft_deg=10.0)
+    health = rig.health()
+    assert (health.state, health.text) == (DeviceState.RUNNING, f"servo does not accept {name}")
+    assert servo.position == counts(10.0)
+
+
+def test_nothing_is_stored_in_a_servo_that_cannot_be_locked(rig, servo):
+    servo.stored[33] = 3
+    servo.restart()
+    servo.registers[55] = 0
+    servo.ignored_addresses.add(55)
+    rig.ticks(12, shaft_deg=10.0)
+    assert {address for address, _, _ in servo.writes} == {41, 55}
+    assert servo.stored[33] == 3
+    assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "servo does not accept lock")
+
+
+def test_servo_without_acknowledgements_is_used(fakes, servo, line):
+    servo.registers[8] = 0
+    servo.ignored_addresses.add(8)
+    rig = fakes.rig(feetech_rudder(line, FeetechOptions()), slack=30)
+    rig.ticks(10)
+    assert len(rig.ticks(20, shaft_deg=-10.0)) >= 18
+    assert servo.position == counts(-10.0)
+    assert rig.health().state is DeviceState.RUNNING
+
+
+def test_big_endian_servo_is_not_written(rig, servo):
+    servo.registers[2] = 1
+    rig.ticks(5)
+    assert servo.writes == []
+    assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "SCS servo (big-endian) not supported")
+
+
+@pytest.mark.parametrize(
+    ("shaft_deg", "goal", "is_at_limit"),
+    [
+        (-95.0, 1000, True),
+        (-91.2, 1010, True),
+        (-91.05, 1012, False),
+        (82.6, 2988, False),
+        (82.7, 2989, True),
+        (90.0, 3000, True),
+    ],
+)
+def test_goal_is_within_the_angle_limits(rig, servo, shaft_deg, goal, is_at_limit):
+    servo.put(9, 1000)
+    servo.put(11, 3000)
+    rig.ticks(4, shaft_deg=shaft_deg)
+    assert servo.goal == goal
+    assert (rig.health().text == "goal at an angle limit of the servo") is is_at_limit
+    assert rig.health().state is DeviceState.RUNNING
+
+
+def test_released_servo_is_still_read_and_engages_with_the_goal(running, servo):
+    servo.writes.clear()
+    feedback = running.ticks(5, shaft_deg=5.0, torque_on=False)
+    assert [(address, data) for address, data, _ in servo.writes] == [(40, b"\0")]
+    assert feedback[-1].torque_on is False
+    servo.position = 2100
+    assert running.ticks(1, torque_on=False)[-1].shaft_rad == pytest.approx(52 * COUNT_RAD)
+    assert running.health().state is DeviceState.RUNNING
+    servo.writes.clear()
+    running.ticks(1, shaft_deg=7.0)
+    assert servo.writes == [(40, bytes((1, 254)) + counts(7.0).to_bytes(2, "little"), 0)]
+    assert running.ticks(1, shaft_deg=7.0)[-1].restarts == 0
+
+
+def test_rejected_goal_is_a_fault_after_three_ticks(running, servo):
+    servo.ignored_addresses |= {42, 43}
+    running.ticks(2, shaft_deg=10.0)
+    assert running.health().state is DeviceState.RUNNING
+    rejected = running.health().rejected
+    running.ticks(1, shaft_deg=10.0)
+    assert (running.health().state, running.health().text) == (DeviceState.FAULTY, "servo rejects goal position")
+    assert running.health().rejected == rejected + 1
+    servo.ignored_addresses.clear()
+    running.ticks(1, shaft_deg=10.0)
+    assert running.health().state is DeviceState.RUNNING
+
+
+def test_goal_of_a_released_servo_is_not_compared(running, servo):
+    running.ticks(2, torque_on=False)
+    servo.restart()  # the goal is lost
+    running.ticks(5, torque_on=False)
+    assert running.health().state is DeviceState.RUNNING
+
+
+def test_power_loss_without_silence_is_counted_and_the_settings_are_read_again(running, servo):
+    servo.stored[33] = 1
+    servo.restart()
+    servo.reads.clear()
+    feedback = running.ticks(3, shaft_deg=-10.0)
+    assert (servo.registers[33], servo.registers[40]) == (0, ON)
+    assert servo.position == counts(-10.0)
+    assert 0 in servo.reads
+    assert [sample.restarts for sample in feedback][-1] == 1
+    assert running.health().state is DeviceState.RUNNING
+
+
+def test_power_loss_with_silence_is_counted(running, servo):
+    servo.powered = False
+    running.ticks(10)
+    assert running.health().state is DeviceState.SILENT
+    servo.powered = True
+    servo.restart()
+    feedback = running.ticks(4, shaft_deg=10.0)
+    assert servo.position == counts(10.0)
+    assert feedback[-1].restarts == 1
+
+
+def test_power_loss_while_released_is_counted_and_the_mode_is_corrected_before_it_engages(running, servo):
+    running.ticks(2, torque_on=False)
+    servo.stored[33] = 3
+    servo.restart()
+    assert running.ticks(3, torque_on=False)[-1].restarts == 1
+    assert servo.registers[33] == 0
+    servo.restart()
+    servo.writes.clear()
+    running.ticks(3, shaft_deg=10.0)
+    assert [address for address, _, _ in servo.writes][:3] == [41, 33, 40]
+    assert servo.position == counts(10.0)
+
+
+def test_goals_are_sent_to_a_silent_servo(running, servo, line):
+    line.lose_replies = 1000
+    running.ticks(10, shaft_deg=12.0)
+    assert running.health().state is DeviceState.SILENT
+    running.ticks(4, shaft_deg=15.0)
+    assert servo.position == counts(15.0)
+    line.written.clear()
+    running.ticks(10, shaft_deg=15.0)
+    codes = [frame[4] for frame in line.written]
+    assert codes.count(3) >= 4
+    assert codes.count(2) >= 4
+
+
+def test_no_goal_is_sent_to_a_servo_that_has_not_steered(rig, servo):
+    servo.powered = False
+    rig.ticks(10, shaft_deg=10.0)
+    assert servo.writes == []
+    assert rig.health().state is DeviceState.STARTING
+
+
+def test_error_with_torque_is_reported_and_the_servo_follows(running, servo):
+    servo.status = 1
+    feedback = running.ticks(3, shaft_deg=10.0)
+    assert feedback[-1].hardware_error == 1
+    assert (running.health().state, running.health().text) == (DeviceState.FAULTY, "servo error: voltage")
+    assert servo.position == counts(10.0)
+    servo.status = 0
+    running.ticks(1)
+    assert running.health().state is DeviceState.RUNNING
+
+
+def switched_on(servo):
+    return [data for address, data, _ in servo.writes if address == 40 and data[0] == 1]
+
+
+def test_torque_cut_by_the_servo_is_switched_on_after_three_seconds(running, servo):
+    servo.cut_torque(32)
+    servo.ignored_addresses.add(40)
+    servo.writes.clear()
+    feedback = running.ticks(29)
+    assert running.health().text == "servo error: overload, torque cut"
+    assert feedback[-1].restarts == 0
+    assert feedback[-1].torque_on is False
+    assert switched_on(servo) == []
+    running.ticks(3)
+    assert len(switched_on(servo)) == 1
+    running.ticks(296)
+    assert len(switched_on(servo)) == 1
+    running.ticks(6)
+    assert len(switched_on(servo)) == 2  # 30 s later
+    servo.ignored_addresses.clear()
+    servo.status = 0
+    running.ticks(2, shaft_deg=10.0)
+    assert servo.position == counts(10.0)
+    assert running.health().state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize("status", [2, 4, 6, 2 | 32])
+def test_torque_is_not_switched_on_with_an_encoder_error_or_while_hot(running, servo, status):
+    servo.cut_torque(status)
+    servo.writes.clear()
+    running.ticks(400)
+    assert [address for address, _, _ in servo.writes] == [42]  # before the first reply with the error
+
+
+def test_second_overload_within_thirty_seconds_waits(running, servo):
+    servo.cut_torque(32)
+    running.ticks(32)
+    assert servo.registers[40] == ON
+    servo.status = 0
+    running.ticks(5)
+    servo.cut_torque(32)
+    servo.writes.clear()
+    running.ticks(250)
+    assert switched_on(servo) == []
+    running.ticks(50)
+    assert len(switched_on(servo)) == 1
+
+
+def test_second_overload_after_thirty_seconds_waits_three(running, servo):
+    servo.cut_torque(32)
+    running.ticks(32)
+    servo.status = 0
+    running.ticks(310)
+    servo.cut_torque(32)
+    servo.writes.clear()
+    running.ticks(29)
+    assert switched_on(servo) == []
+    running.ticks(4)
+    assert len(switched_on(servo)) == 1
+
+
+def test_overload_with_torque_is_reset_after_three_seconds(running, servo):
+    """The servo reduces its output without switching the torque off."""
+    servo.status = 32
+    servo.writes.clear()
+    running.ticks(28)
+    assert switched_on(servo) == []
+    running.ticks(5)
+    assert len(switched_on(servo)) == 1
+
+
+def test_servo_with_a_warning_engages_at_once(running, servo):
+    running.ticks(2, torque_on=False)
+    servo.status = 1
+    running.ticks(2, torque_on=False)
+    running.ticks(1, shaft_deg=10.0)
+    assert servo.position == counts(10.0)
+
+
+def test_torque_that_cannot_be_switched_on_is_a_fault(rig, servo):
+    servo.ignored_addresses.add(40)
+    rig.ticks(6)
+    assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "servo does not accept torque")
+    writes = len(servo.writes)
+    rig.ticks(60)
+    assert writes + 2 <= len(servo.writes) <= writes + 4  # once in 2 s
+
+
+def test_values_out_of_range_are_rejected(running, servo):
+    servo.position = 6000
+    servo.registers[63] = 200
+    rejected = running.health().rejected
+    last = running.ticks(1, torque_on=True, shaft_deg=0.0)[-1]
+    assert last.temperature_c is None
+    assert last.voltage_v == pytest.approx(12.1)
+    assert running.health().rejected > rejected
+
+
+def test_reply_of_another_servo_is_not_used(fakes, line, servo):
+    line.noise = fakes.feetech_frame(2, 0, bytes(31)) + fakes.feetech_frame(2, 0)
+    rig = fakes.rig(feetech_rudder(line, FeetechOptions()))
+    feedback = rig.ticks(5, shaft_deg=3.0)
+    assert {round(sample.shaft_rad / COUNT_RAD) for sample in feedback} <= {0, 34}
+    assert rig.health().rejected == 0
+
+
+def test_lost_byte_that_equals_the_next_header_gives_no_angle(running, servo, line):
+    """Without it, and with the first byte of the next reply as checksum, the sum of this reply is correct."""
+    servo.position = 2047
+    running.rudder.receive(running.now_s)
+    running.rudder.command(RudderCommand(-COUNT_RAD, True), running.now_s)
+    running.rudder.receive(running.now_s)
+    reply = bytes(line.inbox)
+    assert reply[5 + 16 : 5 + 18] == b"\xff\x07"  # the position in the state
+    line.inbox.clear()
+    line.inbox += reply[: 5 + 16] + reply[5 + 17 :]
+    running.now_s += 0.1
+    feedback = running.ticks(5, shaft_deg=-1.0 * 360 / 4096)
+    assert {round(sample.shaft_rad / COUNT_RAD) for sample in feedback} == {-1}
+
+
+def test_other_id_is_used(fakes):
+    servo = fakes.feetech(device_id=253)
+    rig = fakes.rig(feetech_rudder(fakes.line(servo), FeetechOptions(id=253)))
+    rig.ticks(3, shaft_deg=4.0)
+    assert servo.position == counts(4.0)
