@@ -75,6 +75,8 @@ COMPASSES: DriverRegistry[Compass] = DriverRegistry(
         "nmea": "firmware_py.sensors.nmea_compass:DRIVER",
         "pni_tcm": "firmware_py.sensors.pni_tcm:DRIVER",
         "mti": "firmware_py.sensors.mti:DRIVER",
+        "rion": "firmware_py.sensors.rion:DRIVER",
+        "witmotion": "firmware_py.sensors.witmotion:DRIVER",
     },
 )
 POSITIONS: DriverRegistry[Position] = DriverRegistry(
@@ -116,6 +118,8 @@ CAPTURE_FORMATS: Mapping[str, tuple[DriverRegistry[Any], str]] = {
     "nmea": (COMPASSES, "nmea"),
     "pni": (COMPASSES, "pni_tcm"),
     "mti": (COMPASSES, "mti"),
+    "rion": (COMPASSES, "rion"),
+    "witmotion": (COMPASSES, "witmotion"),
     "ubx": (POSITIONS, "ubx"),
     "vedirect": (POWERS, "vedirect"),
 }

@@ -54,6 +54,8 @@ COMPASSES: Registry[EmulatedDevice] = Registry(
         "nmea": "hil.devices.nmea_compass:EMULATOR",
         "pni": "hil.devices.pni_tcm:EMULATOR",
         "mti": "hil.devices.mti:EMULATOR",
+        "rion": "hil.devices.rion:EMULATOR",
+        "witmotion": "hil.devices.witmotion:EMULATOR",
     },
     EmulatedDevice,
     INTERFACE,

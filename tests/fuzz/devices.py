@@ -39,6 +39,23 @@ def encode_numbered(encode, body):
     return encode(body[0] if body else 0, body[1:])
 
 
+def frame_rion(body):
+    """Frame a body, whose first bytes choose identifier and command, and are then data."""
+    content = body.ljust(10, b"\0")
+    command, size = ((0x84, 9), (0x84, 10), (0x87, 2), (0x8C, 1))[content[0] >> 1 & 3]
+    summed_bytes = bytes((4 + size, 0, command)) + content[1 : 1 + size].ljust(size, b"\0")
+    return (b"h", b"w")[content[0] & 1] + summed_bytes + bytes([sum(summed_bytes) & 0xFF])
+
+
+def frame_witmotion(body):
+    """Frame a body after a packet, without which a packet is not used."""
+    packets = [
+        b"\x55\x50".ljust(10, b"\0"),
+        b"\x55" + bytes([0x50 | (body[0] if body else 0) & 0xF]) + body[1:9].ljust(8, b"\0"),
+    ]
+    return b"".join(packet + bytes([sum(packet) & 0xFF]) for packet in packets)
+
+
 def frame_dynamixel(body):
     return dynamixel_frames.instruction(1, dynamixel_frames.STATUS, body)
 
@@ -72,6 +89,8 @@ FRAMINGS = {
     "nmea": frame_nmea,
     "pni_tcm": partial(encode_numbered, pni_protocol.encode),
     "mti": partial(encode_numbered, mti_protocol.encode),
+    "rion": frame_rion,
+    "witmotion": frame_witmotion,
     "ubx": frame_ubx,
     "dynamixel": frame_dynamixel,
     "volz": frame_volz,

@@ -87,6 +87,37 @@ def test_compass_power_cut_and_restored(make_moored_boat, compass):
     assert responds_to_heading(bench)
 
 
+@pytest.mark.parametrize("compass", ["rion", "witmotion"])
+def test_compass_recovers_from_cable_power_cut_wrong_baud_rate_and_foreign_bytes(make_boat, compass):
+    """In simulated time, which is faster."""
+    bench = make_boat(scenario="calm", compass=compass, settings=SETTINGS, without=("position", "link")).start()
+    bench.run_until_written("Mode GUIDED")
+
+    def cut_and_restore(cut, restore):
+        cut()
+        bench.run_until_written("No valid heading: rudder held, then centred")
+        restore()
+        bench.run_until_written("Heading recovered")
+
+    cut_and_restore(bench.lines["compass"].unplug, bench.lines["compass"].plug)
+    cut_and_restore(lambda: bench.compass_device.power_cycle(bench.world.now_s, off_s=3.0), lambda: None)
+    # A wrong baud rate on a pty: most bytes differ, in both directions.
+    cut_and_restore(lambda: setattr(bench.compass, "flip", 0.7), lambda: setattr(bench.compass, "flip", 0.0))
+    for _ in range(10):
+        bench.lines["compass"].write(b"$HEHDT,45.0,T*1E\r\n\xfa\xff\x36\x00\xca")
+        bench.run(0.1)
+    assert responds_to_heading(bench)
+    assert replays(bench)
+    headings_deg = [
+        math.degrees(math.remainder(sample.heading_rad, math.tau))
+        for path in bench.logs()
+        for tick in read_log(path)
+        for sample in tick.inputs.headings
+    ]
+    assert len(headings_deg) > 20
+    assert all(-5.0 < heading_deg < 35.0 for heading_deg in headings_deg)
+
+
 def test_noisy_line_loses_samples_only(bench):
     bench.compass.flip = 0.002
     bench.compass.garbage = 0.2

@@ -13,7 +13,9 @@ from hil.devices.impairment import Impaired
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
+from hil.devices.rion import RionEmulator
 from hil.devices.volz import VolzEmulator
+from hil.devices.witmotion import WitmotionEmulator
 from hil.ship.servo import ServoShaft
 
 
@@ -32,6 +34,8 @@ def rng():
 DYNAMIXEL_PING = bytes.fromhex("FFFFFD0001030001194E")
 PNI_MOD_INFO = bytes.fromhex("000501EFD4")
 MTI_GOTO_CONFIG = bytes.fromhex("FAFF3000D1")
+RION_ASK = bytes.fromhex("6804000408")
+WITMOTION_READ = bytes.fromhex("FFAA270300")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
 FEETECH_PING = bytes.fromhex("FFFF010201FB")
 
@@ -40,6 +44,8 @@ DEVICES = {
     "dynamixel": (lambda: DynamixelEmulator(ServoShaft(), rng()), DYNAMIXEL_PING, b"\xff\xff\xfd\x00\x01\x07\x00\x55"),
     "pni": (lambda: PniTcmEmulator(StillBoat(), rng()), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
     "mti": (lambda: MtiEmulator(StillBoat(), rng()), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
+    "rion": (lambda: RionEmulator(StillBoat(), rng()), RION_ASK, b"\x68\x0d\x00\x84"),
+    "witmotion": (lambda: WitmotionEmulator(StillBoat(), rng(), baud=115200), WITMOTION_READ, b"\x55\x5f"),
     "volz": (lambda: VolzEmulator(ServoShaft(), rng()), VOLZ_CURRENT, b"\x30\x01"),
     "feetech": (lambda: FeetechEmulator(ServoShaft(), rng()), FEETECH_PING, b"\xff\xff\x01\x02\x00\xfc"),
 }
@@ -54,6 +60,7 @@ PIECES = st.one_of(
         FEETECH_PING, b"\xff\xff\x01\xff", bytes.fromhex("FFFF01070328010055096D"),
         bytes.fromhex("FFFF01040228FFD1"), bytes.fromhex("FFFF01040228FAD6"), bytes.fromhex("FFFFFE0205FA"),
         bytes.fromhex("FAFFC00420340005E4"), bytes.fromhex("FAFFC004E020FFFF3F"), bytes.fromhex("FAFF3F00C2"),
+        RION_ASK, bytes.fromhex("6805000C0112"), b"\x68\x10", bytes.fromhex("FFAA6988B5FFAA030500"), b"\xff\xaa\x27",
     ]),
 )  # fmt: skip
 STREAM = st.lists(st.tuples(PIECES, st.floats(0.0, 0.05)), max_size=30)

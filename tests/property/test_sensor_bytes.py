@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.records import DeviceHealth
 from firmware_py.devices import SECTIONS
-from firmware_py.sensors import mti_protocol, pni_protocol, ubx_protocol
+from firmware_py.sensors import mti_protocol, pni_protocol, rion, ubx_protocol, witmotion
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
@@ -37,8 +37,16 @@ PVT = bytes.fromhex(
     "f6ffffffe4ffffff260000001e000000aa053000e5000000685f0d00910000e0ac4c220000e000e000000080c855".replace(" ", "")
 )
 
+RION = bytes.fromhex("680D00840020101005250180007C")
+RION_LONG, RION_DECLINATION = bytes.fromhex("680E0084001050101005010401001D"), bytes.fromhex("6806008700008D")
+WITMOTION_ANGLE, WITMOTION_ANSWER = (
+    body + bytes([sum(body) % 256])
+    for body in (struct.pack("<BB4h", 0x55, 0x53, 100, -200, 16384, 70), struct.pack("<BB4h", 0x55, 0x5F, 0, 0, 0, 0))
+)
+
 # Noise with complete and truncated messages, which reach more states of the parsers than random bytes alone.
 MESSAGES = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
+MESSAGES += (RION, RION_LONG, RION_DECLINATION, WITMOTION_ANSWER, WITMOTION_ANGLE, WITMOTION_ANSWER + WITMOTION_ANGLE)
 TRUNCATED_MESSAGES = tuple(message[: len(message) * 2 // 3] for message in MESSAGES)
 MALFORMED_MESSAGES = (
     b"$",
@@ -54,6 +62,8 @@ MALFORMED_MESSAGES = (
     b"\xfa\xff\x3e\x00\xc3",
     b"\xfa\xff\x31\x00\xd0",
     b"\xfa\xff\xc1\x00\x40",
+    b"\x68\x0d\x00\x84",
+    b"\x55\x53",
 )
 PIECES = st.sampled_from(MESSAGES + TRUNCATED_MESSAGES + MALFORMED_MESSAGES) | st.binary(max_size=12)
 STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
@@ -64,7 +74,10 @@ DRIVERS = {
     for section in ("compass", "position")
     for name, driver in SECTIONS[section].items()
 }
-FRAMERS = (NmeaFramer, pni_protocol.create_framer, mti_protocol.create_framer, ubx_protocol.create_framer)
+FRAMERS = (
+    NmeaFramer,
+    *(protocol.create_framer for protocol in (pni_protocol, mti_protocol, ubx_protocol, rion, witmotion)),
+)
 
 
 def byte_line(stream, size):
@@ -123,6 +136,8 @@ def test_framing_does_not_depend_on_the_pieces(make, stream, cuts):
             b"\xb5\x62\x01\x07\xff\x09" * 1500,
             b"\x00\x80\x05" * 3000,
             b"\xfa\xff\x36\xff\x08\x00" * 1500,
+            b"\x68\x0d\x00\x84" * 2000,
+            b"\x55\x53" * 4000,
         ]
     )
 )
@@ -135,8 +150,14 @@ def test_memory_is_bounded(make, noise):
 
 @pytest.mark.parametrize(
     ("make", "message"),
-    [(NmeaFramer, HDT), (pni_protocol.create_framer, PNI), (ubx_protocol.create_framer, PVT)],
-    ids=["nmea", "pni", "ubx"],
+    [
+        (NmeaFramer, HDT),
+        (pni_protocol.create_framer, PNI),
+        (ubx_protocol.create_framer, PVT),
+        (rion.create_framer, RION),
+        (witmotion.create_framer, WITMOTION_ANGLE),
+    ],
+    ids=["nmea", "pni", "ubx", "rion", "witmotion"],
 )
 @given(noise=STREAMS)
 def test_valid_message_after_noise_is_decoded(make, message, noise):
@@ -198,6 +219,48 @@ def mti_headings(stream):
     compass = MtiCompass(byte_line(stream, 4096), MtiOptions())
     compass.receive(1.0)
     return [sample.heading_rad for sample in compass.poll()]
+
+
+def rion_headings(packet):
+    """Return the headings of a compass that has answered about its declination."""
+    pieces = iter([b"", RION, b"", RION_DECLINATION, packet])
+    compass = rion.RionCompass(byte_line(b"", 1), rion.RionOptions())
+    compass._line.read = lambda: next(pieces, b"")
+    for now_s in (0.0, 0.1, 0.6, 0.7, 0.8):
+        compass.receive(now_s)
+    return [sample.heading_rad for sample in compass.poll()]
+
+
+@given(st.integers(0, 35999), st.integers(0), st.integers(1, 255))
+def test_one_damaged_byte_never_gives_a_wrong_heading_rion(hundredths, position, change):
+    """The sum detects every damage to one byte; decimal digits and fixed bytes also most damages to two."""
+    packet = bytearray(bytes.fromhex(f"0D0084 001050 101005 {hundredths:06d}"))
+    packet = bytearray(b"\x68") + packet + bytes([sum(packet) % 256])
+    assert rion_headings(bytes(packet)) == [pytest.approx(math.radians(hundredths / 100), abs=1e-9)]
+    packet[position % len(packet)] ^= change
+    assert rion_headings(bytes(packet)) == []
+
+
+def witmotion_headings(stream):
+    compass = witmotion.WitmotionCompass(byte_line(stream, 4096), witmotion.WitmotionOptions(algorithm="nine_axis"))
+    compass.receive(0.0)
+    return [sample.heading_rad for sample in compass.poll()]
+
+
+@given(st.integers(-32768, 32767), st.integers(0), st.integers(1, 255))
+def test_one_damaged_byte_never_gives_a_wrong_heading_witmotion(yaw, position, change):
+    body = struct.pack("<BB4h", 0x55, 0x53, 100, -200, yaw, 70)
+    packet = bytearray(body + bytes([sum(body) % 256]))
+    assert len(witmotion_headings(WITMOTION_ANSWER + bytes(packet))) == 1
+    packet[position % len(packet)] ^= change
+    assert witmotion_headings(WITMOTION_ANSWER + bytes(packet)) == []
+
+
+@given(st.lists(st.binary(max_size=40) | st.just(WITMOTION_ANGLE), max_size=20))
+def test_noise_between_packets_never_gives_a_heading_witmotion(pieces):
+    """A false packet passes the sum once in 256 times, but not directly after another one."""
+    stream = b"\x00".join(pieces)
+    assert witmotion_headings(stream) == []
 
 
 @given(st.text(max_size=12) | st.from_regex(r"[-+]?[0-9.]{0,12}", fullmatch=True))

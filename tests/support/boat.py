@@ -22,9 +22,11 @@ from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
+from hil.devices.rion import RionEmulator
 from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.devices.volz import VolzEmulator
+from hil.devices.witmotion import WitmotionEmulator
 from hil.ship.power_plant import Place, PowerPlant
 from hil.ship.scenarios import Scenario, find_scenario
 from hil.sim.board import Board
@@ -41,7 +43,13 @@ SERVOS = {
     "volz": (VolzEmulator, 115200),
     "feetech": (FeetechEmulator, 1_000_000),
 }
-COMPASSES = {"nmea": ("nmea", NmeaCompassEmulator), "pni": ("pni_tcm", PniTcmEmulator), "mti": ("mti", MtiEmulator)}
+COMPASSES = {
+    "nmea": ("nmea", NmeaCompassEmulator),
+    "pni": ("pni_tcm", PniTcmEmulator),
+    "mti": ("mti", MtiEmulator),
+    "rion": ("rion", RionEmulator),
+    "witmotion": ("witmotion", WitmotionEmulator),
+}
 GUIDED = 15
 END_S = 15.0  # maximum time in which the rudder is centred and the log is closed
 MAX_WAIT_S = 0.02
