@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A checked vehicle file; compass, position and AIS may share a port."""
+    """A checked vehicle file; compass, position, power and AIS may share a port."""
 
     name: str
     compass: DeviceEntry

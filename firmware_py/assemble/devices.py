@@ -52,7 +52,7 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     if (entry_b := vehicle.compass_b) is not None:
         driver = COMPASSES[entry_b.driver].make(_add_line(entry_b, lines), entry_b.options)
         compass_b = SecondSensor(driver, DeviceRole.COMPASS_B)
-    power = _create_power_monitors(vehicle, lines)
+    power = _create_power_monitors(vehicle, shared, lines)
     vessels = None
     if (ais := vehicle.ais) is not None:
         vessels = AIS[ais.driver].make(shared["ais"], ais.options)
@@ -62,11 +62,11 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
 
 
 def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
-    """Return the lines of compass, position and AIS by name; devices that share a port get views of one line.
+    """Return the lines of compass, position, power and AIS by name; devices that share a port get views of one line.
 
     The views must be read in this order. New lines are added to `lines`.
     """
-    entries = {"compass": vehicle.compass, "position": vehicle.position, "ais": vehicle.ais}
+    entries = {"compass": vehicle.compass, "position": vehicle.position, "power": vehicle.power, "ais": vehicle.ais}
     users: dict[str, dict[str, DeviceEntry]] = {}
     for name, entry in entries.items():
         if entry is not None:
@@ -97,12 +97,13 @@ def _add_line(entry: DeviceEntry, lines: list[Line]) -> Line:
     return lines[-1]
 
 
-def _create_power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
-    """Create the drivers of power monitors; their lines are added to `lines`."""
+def _create_power_monitors(vehicle: Vehicle, shared: dict[str, ByteLine], lines: list[Line]) -> tuple[Power, ...]:
+    """Create the drivers of power monitors; the line of the second one is added to `lines`."""
     monitors: list[Power] = []
     for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
         if entry is not None:
-            monitor = POWERS[entry.driver].make(_add_line(entry, lines), entry.options)
+            line = shared["power"] if role is DeviceRole.POWER else _add_line(entry, lines)
+            monitor = POWERS[entry.driver].make(line, entry.options)
             monitors.append(monitor if role is DeviceRole.POWER else SecondSensor(monitor, role))
     return tuple(monitors)
 
