@@ -19,8 +19,6 @@ from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.plan import as_plain
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
-from firmware_py.link.commands.table import TABLE as COMMANDS
-from firmware_py.link.telemetry.table import TABLE as TELEMETRY
 from firmware_py.log.reader import read_log
 from replay.voyages import VOYAGES
 from support.link import Rig
@@ -30,6 +28,15 @@ LINKS = Path(__file__).parent / "data" / "links"
 NOT_COMPARED = {"text", "param_index", "param_count"}  # wording, and the size of the parameter table
 INTERVAL_S = 15.0  # of the ticks of a voyage that the link publishes
 SET_INTERVAL, REQUEST_MESSAGE = 511, 512
+# Numbers of commands and messages; later ones do not change a session.
+COMMANDS = (
+    17, 20, 115, 176, 178, 179, 183, 192, 193, 207, 213, 224, 241, 245, 246, 262, 300, 400, 401, 410, 510, 511, 512,
+    519, 520, 2600, 42006, 42424, 42425, 42426, 42428, 43002,
+)  # fmt: skip
+TELEMETRY = (
+    1, 2, 24, 30, 31, 32, 33, 36, 42, 49, 62, 65, 74, 83, 87, 147, 162, 191, 192, 193, 230, 235, 242, 245, 251, 301,
+    436, 437,
+)  # fmt: skip
 # Parameters of commands: usual numbers, and numbers that most commands refuse.
 CHOICES = (
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -96,7 +103,7 @@ def watch_voyage(name):
     session, state = Session(), None
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
     session.rig.tell(heartbeat)
-    for number in sorted({row.number for row in TELEMETRY} - {0}):
+    for number in TELEMETRY:
         session.rig.tell(command(SET_INTERVAL, number, 1e6 * INTERVAL_S))
     session.rig.replies()
     for tick in read_log(gzip.decompress((VOYAGES / f"{name}.BIN.gz").read_bytes())):
@@ -146,7 +153,7 @@ def talk(verdict):
     session.rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "reason")
     session.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     session.tick()
-    for number in sorted({int(row.command) for row in COMMANDS}):
+    for number in COMMANDS:
         for values in CHOICES:
             session.rig.now_s += 3.0
             session.tell(command(number, *values))
@@ -223,9 +230,9 @@ def talk(verdict):
         mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1),
         mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF),
     )
-    for row in TELEMETRY:
+    for number in TELEMETRY:
         session.rig.now_s += 0.1
-        session.tell(command(REQUEST_MESSAGE, row.number))
+        session.tell(command(REQUEST_MESSAGE, number))
     for _ in range(5):
         session.tick(seconds=1.0)
     session.note_intents()
