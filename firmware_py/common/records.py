@@ -19,6 +19,7 @@ class NorthReference(IntEnum):
 
     TRUE = 0
     MAGNETIC = 1
+    RELATIVE = 2  # none: the angle turned since an unknown direction, which drifts; used as yaw rate only
 
 
 class FixType(IntEnum):

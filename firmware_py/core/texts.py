@@ -48,6 +48,14 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the stated variation no longer differs from the configured declination",
         _NOTHING,
     ),
+    "Gyro agrees with compass: yaw rate used": (
+        "a gyroscope without north agrees with the compass in a turn; its yaw rate supports the heading estimate",
+        _NOTHING,
+    ),
+    "Gyro differs from compass: yaw rate not used": (
+        "they turn differently: one of them is faulty, the gyroscope drifts, or its option `clockwise` is wrong",
+        "turn the boat and compare both with `rambler listen`; the heading needs only the compass",
+    ),
     "First GPS position wrong by <distance> km: home and tasks moved": (
         "home and a goal near the wrong position move along; loiter point and water are reset",
         "check home and task on the map",

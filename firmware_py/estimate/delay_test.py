@@ -45,6 +45,16 @@ def with_motion(test: DelayTest, motion: Motion) -> DelayTest:
     return DelayTest(motion, test.first_rad, test.second_rad, test.third_rad, test.log_ratio)
 
 
+def take_rate(
+    test: DelayTest, yaw_rate_rad_s: float, noise_variance: float, innovation_rad_s: float, variance: float
+) -> DelayTest:
+    """Return the test updated with a gyroscope's yaw rate, whose innovation in the other filter has this variance."""
+    motion, delayed_rad_s, delayed_variance = heading_model.correct_rate(test.motion, yaw_rate_rad_s, noise_variance)
+    not_delayed = heading_model.log_likelihood(innovation_rad_s, variance)
+    log_ratio = test.log_ratio + heading_model.log_likelihood(delayed_rad_s, delayed_variance) - not_delayed
+    return DelayTest(motion, test.first_rad, test.second_rad, test.third_rad, log_ratio)
+
+
 def update(
     test: DelayTest,
     previous: HeadingFilter,

@@ -10,10 +10,11 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event, HeadingSample, PositionSample, Severity
+from firmware_py.common.records import Event, HeadingSample, NorthReference, PositionSample, Severity
 from firmware_py.common.reports import Estimate, Water
 from firmware_py.estimate import (
     declination,
+    gyro,
     heading_filter,
     heading_tick,
     observer,
@@ -23,6 +24,7 @@ from firmware_py.estimate import (
     water,
 )
 from firmware_py.estimate.declination import Declination
+from firmware_py.estimate.gyro import GyroState
 from firmware_py.estimate.heading_tick import HeadingSettings, HeadingTick
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.position import place_of
@@ -68,7 +70,8 @@ class HeadingTimeouts(msgspec.Struct, frozen=True):
 class HeadingEstimatorState(msgspec.Struct, frozen=True):
     """Heading and yaw rate of the tick, state of the filter and its sources, water, declination at the position.
 
-    `odd_variation`: variations that the compasses state and that are not used as stated.
+    `odd_variation`: variations that the compasses state and that are not used as stated. `gyro`: comparison of a
+    gyroscope without north with the compass.
     """
 
     heading: HeadingState = HeadingState()
@@ -76,6 +79,7 @@ class HeadingEstimatorState(msgspec.Struct, frozen=True):
     water: WaterState = water.START
     declination: Declination = Declination()
     odd_variation: variation.UnusedVariations = (None, None)
+    gyro: GyroState = gyro.START
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
@@ -102,6 +106,7 @@ def update(
     `positions` are the accepted ones. `rudder_rad` is the angle measured at this tick; NaN: not known.
     """
     previous, tick = state.heading, state.tick
+    gyro_samples, headings = _split_samples(headings)
     observer_settings = settings.observer
     if settings.declination_by_model:
         state = _with_declination(state, positions)
@@ -127,6 +132,10 @@ def update(
         if sample.source == in_use:
             timeout_s = timeouts.of(Source(in_use))
             tick = heading_tick.take_heading(tick, settings.tick, model, sample.t_s, sample.heading_rad, timeout_s)
+    gyro_state = state.gyro
+    if gyro_samples:
+        tick, gyro_state, gyro_events = _take_rate(tick, gyro_state, gyro_samples, true_samples)
+        events = (*events, *gyro_events)
     water_state = state.water
     for fix in positions:
         place = place_of(fix)
@@ -142,7 +151,37 @@ def update(
         is_compass_used = sources.uses_compass(tick.sources)
         water_state = water.take_heading(water_state, heading.heading_rad, is_compass_used, now_s - previous.t_s)
     water_state = water.update(water_state, now_s)
-    return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation), events
+    return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation, gyro_state), events
+
+
+def _split_samples(
+    headings: Sequence[HeadingSample],
+) -> tuple[Sequence[HeadingSample], Sequence[HeadingSample]]:
+    """Return the samples of gyroscopes without north, and the others."""
+    gyro_samples = [sample for sample in headings if sample.reference is NorthReference.RELATIVE]
+    if not gyro_samples:
+        return (), headings
+    return gyro_samples, [sample for sample in headings if sample.reference is not NorthReference.RELATIVE]
+
+
+def _take_rate(
+    tick: HeadingTick,
+    state: GyroState,
+    gyro_samples: Sequence[HeadingSample],
+    true_samples: Sequence[TrueHeadingSample],
+) -> tuple[HeadingTick, GyroState, tuple[Event, ...]]:
+    """Return the heading estimate with the yaw rate of a gyroscope, its comparison with the compass, and the events.
+
+    The rate is used at the time of a heading of the compass in use. With course over ground, whose headings are rare,
+    it is used in each tick.
+    """
+    in_use = tick.sources.in_use
+    used = [sample for sample in true_samples if sample.source == in_use]
+    state, events = gyro.update(state, gyro_samples, (used[-1].t_s, used[-1].heading_rad) if used else None)
+    rate_rad_s = gyro.rate_at(state, tick.filter.t_s)
+    if not math.isnan(rate_rad_s) and (used or in_use == Source.COURSE):
+        tick = heading_tick.take_rate(tick, rate_rad_s, gyro.RATE_SD_RAD_S)
+    return tick, state, events
 
 
 def _to_true_headings(settings: ObserverSettings, headings: Sequence[HeadingSample]) -> list[TrueHeadingSample]:

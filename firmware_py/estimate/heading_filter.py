@@ -303,6 +303,14 @@ def with_learning_restarted(f: HeadingFilter) -> HeadingFilter:
     )
 
 
+def with_rate(f: HeadingFilter, motion: Motion) -> HeadingFilter:
+    """Return the filter with this motion, updated with a yaw rate; the noise levels are learned from headings only."""
+    return HeadingFilter(
+        f.t_s, f.begun_s, motion, f.levels, f.learning, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad,
+        f.innovation_square,
+    )  # fmt: skip
+
+
 def with_motion(f: HeadingFilter, t_s: float, motion: Motion) -> HeadingFilter:
     """Return the filter with this motion; the extra filters start again from it."""
     previous = f.learning

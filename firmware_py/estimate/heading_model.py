@@ -243,10 +243,7 @@ def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
 
 
 def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tuple[Motion, float, float]:
-    """Return the state updated with a gyroscope's yaw rate (with waves), the innovation [rad/s] and its variance.
-
-    Only `rambler-hil identify` uses it, for recordings; the autopilot does not use gyroscopes.
-    """
+    """Return the state updated with a gyroscope's yaw rate (with waves), the innovation [rad/s] and its variance."""
     k0, k1, k2, k3, k4 = m.p01 + m.p04, m.p11 + m.p14, m.p12 + m.p24, m.p13 + m.p34, m.p14 + m.p44
     variance = k1 + k4 + noise_variance
     innovation_rad_s = yaw_rate_rad_s - m.yaw_rate_rad_s - m.wave_rate_rad_s

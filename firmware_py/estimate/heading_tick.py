@@ -326,6 +326,17 @@ def take_course(
     return with_motion(s, s.filter.t_s, heading_model.correct_course(s.filter.motion, heading_rad, sd_rad))
 
 
+def take_rate(s: HeadingTick, yaw_rate_rad_s: float, sd_rad_s: float) -> HeadingTick:
+    """Return the state updated with the yaw rate of a gyroscope at the time of the filter, which has started."""
+    noise_variance = sd_rad_s * sd_rad_s
+    motion, innovation_rad_s, variance = heading_model.correct_rate(s.filter.motion, yaw_rate_rad_s, noise_variance)
+    delay = delay_test.take_rate(s.delay, yaw_rate_rad_s, noise_variance, innovation_rad_s, variance)
+    return HeadingTick(
+        s.sources, heading_filter.with_rate(s.filter, motion), s.uncorrected, s.uncorrected_s, s.check, delay,
+        s.smoothed, s.bias_mean_rad, s.rudder_rad, s.wave_yaw_rad2,
+    )  # fmt: skip
+
+
 def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:
     """Return the state with the rudder angle measured at this tick; NaN: not known."""
     return HeadingTick(

@@ -137,8 +137,9 @@ class _Interval:
             self.error_count += 1
             self.error_rad += error_rad
             self.square_rad2 += error_rad * error_rad
-        if inputs.headings and inputs.headings[-1].temperature_c is not None:
-            self.compass_c = inputs.headings[-1].temperature_c
+        for sample in inputs.headings:
+            if sample.temperature_c is not None:
+                self.compass_c = sample.temperature_c
 
 
 class _Sums(msgspec.Struct, frozen=True):

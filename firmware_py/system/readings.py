@@ -10,6 +10,7 @@ from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.records import (
     DeviceHealth,
     HeadingSample,
+    NorthReference,
     PositionSample,
     PowerSample,
     RudderAngleSample,
@@ -26,7 +27,13 @@ def rounded(value: float | None, digits: int, convert: Callable[[float], float] 
 
 
 def heading_values(sample: HeadingSample) -> Values:
-    """Return the values of a compass."""
+    """Return the values of a compass, or those of a gyroscope without north."""
+    if sample.reference is NorthReference.RELATIVE:
+        return {
+            "yaw_rate_deg_s": rounded(sample.yaw_rate_rad_s, 2, degrees),
+            "turned_deg": rounded(sample.heading_rad, 2, compass_degrees),
+            "north": "none, gyro only",
+        }
     return {
         f"heading_{sample.reference.name.lower()}_deg": rounded(sample.heading_rad, 2, compass_degrees),
         "roll_deg": rounded(sample.roll_rad, 1, degrees),

@@ -58,7 +58,7 @@ def _read_autopilot(path: Path, data: Buffer) -> Recording:
     commands: list[RudderFeedback] = []
     parameters: Mapping[str, float] | None = None
     for tick in reader:
-        headings.extend(tick.inputs.headings)
+        headings.extend(sample for sample in tick.inputs.headings if sample.reference is not NorthReference.RELATIVE)
         positions.extend(tick.inputs.positions)
         rudder.extend(tick.inputs.rudder)
         commands.append(RudderFeedback(tick.inputs.tick.t_s, tick.command.shaft_rad))

@@ -104,7 +104,8 @@ def _read_linkage(log_data: _LogData, checkpoint: str) -> None:
 
 
 def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSample]:
-    """Return the headings of the most frequent compass and north reference; times increase."""
+    """Return the headings of the most frequent compass and north reference, without gyroscopes; times increase."""
+    samples = [sample for sample in samples if sample.reference is not NorthReference.RELATIVE]
     if not samples:
         return []
     kinds: Counter[tuple[int, NorthReference]] = Counter((sample.source, sample.reference) for sample in samples)
