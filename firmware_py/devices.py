@@ -77,6 +77,7 @@ COMPASSES: DriverRegistry[Compass] = DriverRegistry(
         "mti": "firmware_py.sensors.mti:DRIVER",
         "rion": "firmware_py.sensors.rion:DRIVER",
         "witmotion": "firmware_py.sensors.witmotion:DRIVER",
+        "bno08x_rvc": "firmware_py.sensors.bno08x_rvc:DRIVER",
     },
 )
 POSITIONS: DriverRegistry[Position] = DriverRegistry(
@@ -120,6 +121,7 @@ CAPTURE_FORMATS: Mapping[str, tuple[DriverRegistry[Any], str]] = {
     "mti": (COMPASSES, "mti"),
     "rion": (COMPASSES, "rion"),
     "witmotion": (COMPASSES, "witmotion"),
+    "bno08x_rvc": (COMPASSES, "bno08x_rvc"),
     "ubx": (POSITIONS, "ubx"),
     "vedirect": (POWERS, "vedirect"),
 }

@@ -137,7 +137,18 @@ def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
         },
         missing=f"]{MISSING_TEXT}",
     )
-    return Vehicle(**{"position": None} | values)
+    vehicle = Vehicle(**{"position": None} | values)
+    _check_north(vehicle.compass, path)
+    return vehicle
+
+
+def _check_north(compass: DeviceEntry, path: Path) -> None:
+    """Raise VehicleError for a gyroscope without north as the compass: its heading drifts."""
+    if not SECTIONS["compass"][compass.driver].has_north:
+        raise VehicleError(
+            f"{path}: [compass] driver {compass.driver} knows no north, and its heading drifts; put it into"
+            " [compass_b], where its yaw rate is used, and a compass with north into [compass]"
+        )
 
 
 def _read_all(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:

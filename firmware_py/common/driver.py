@@ -29,8 +29,10 @@ class Driver(Generic[DeviceT]):
 
     `interface` is the version of the interface that it was written for (INTERFACE at that time), `device` the devices
     that it serves, for the documentation. A driver that `writes` to its device needs a serial port; the others can also
-    read from the network. `calibrator` returns the calibrator of a device, None if it has none; `capture` is the format
-    for `rambler decode`. `problem` is why the driver of an installed package cannot be used, set by the registry.
+    read from the network. A compass without north (`has_north` False) measures turns only (NorthReference.RELATIVE) and
+    is refused as the first compass. `calibrator` returns the calibrator of a device, None if it has none; `capture` is
+    the format for `rambler decode`. `problem` is why the driver of an installed package cannot be used, set by the
+    registry.
     """
 
     interface: int
@@ -38,6 +40,7 @@ class Driver(Generic[DeviceT]):
     options: type[Any]
     make: Callable[[ByteLine, Any], DeviceT]
     writes: bool = False
+    has_north: bool = True
     calibrator: Callable[[Any], Calibrator] | None = None
     capture: CaptureFormat | None = None
     problem: str = ""

@@ -38,7 +38,11 @@ def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
         dest="disturbances",
         help="disturbance options, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
     )
-    parser.add_argument("--compass", choices=tuple(COMPASSES), help="(default nmea, or that of the vehicle file)")
+    parser.add_argument(
+        "--compass",
+        choices=tuple(COMPASSES),
+        help="(default nmea, or that of the vehicle file); bno08x_rvc is added to it, because it knows no north",
+    )
     parser.add_argument("--servo", choices=tuple(SERVOS), help="(default dynamixel, or that of the vehicle file)")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: devices, model, parameters")
 

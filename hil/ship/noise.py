@@ -30,6 +30,7 @@ class Stream(IntEnum):
     SHIPS = 15
     AIR = 16
     YAW = 17
+    COMPASS_B = 18
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

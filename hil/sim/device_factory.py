@@ -56,6 +56,7 @@ COMPASSES: Registry[EmulatedDevice] = Registry(
         "mti": "hil.devices.mti:EMULATOR",
         "rion": "hil.devices.rion:EMULATOR",
         "witmotion": "hil.devices.witmotion:EMULATOR",
+        "bno08x_rvc": "hil.devices.bno08x_rvc:EMULATOR",
     },
     EmulatedDevice,
     INTERFACE,
@@ -120,6 +121,9 @@ def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Devic
             "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
             "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
         }
+        if (second := vehicle.compass_b) is not None:
+            device = _find_device_of(COMPASSES, second.driver)
+            devices["compass_b"] = device.make(context(second.baud, second.options, Stream.COMPASS_B, 0.1))
         return devices | _make_power(world, vehicle, devices["rudder"], seed) | _make_ais(world, vehicle, seed)
     except ValueError as error:
         raise UsageError(f"vehicle file: a device cannot be emulated: {error}") from None

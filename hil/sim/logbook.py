@@ -138,7 +138,7 @@ def _make_run_file(options: RunOptions, start_utc_s: float) -> RunFile:
         sea=tuple(description_rows(scenario)),
         seed=options.seed,
         seconds=options.seconds,
-        compass=vehicle.compass.driver,
+        compass=" with ".join(entry.driver for entry in (vehicle.compass, vehicle.compass_b) if entry is not None),
         servo=vehicle.rudder.driver,
         settings={**vehicle.parameters, **options.settings},
         lockstep=options.lockstep,

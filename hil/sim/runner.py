@@ -149,6 +149,8 @@ class _Run:
     def _banner(self) -> Banner:
         options = self._options
         compass, servo = options.vehicle.compass.driver, options.vehicle.rudder.driver
+        if (second := options.vehicle.compass_b) is not None:
+            compass = f"{compass} with {second.driver}"
         options_text = disturbance_options.text_of(options.scenario.disturbances)
         sea = f"{options.scenario.name} with {options_text}" if options_text else options.scenario.name
         title = f"rambler-hil run {sea}: compass {compass}, servo {servo}, seed {options.seed}"

@@ -16,6 +16,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
+from firmware_py.devices import SECTIONS
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
 from hil.devices.emulator import EmulatedDevice
@@ -51,9 +52,16 @@ def load(path: Path) -> Vehicle:
 
 
 def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Vehicle:
-    """Replace compass or servo, by the names of COMPASSES and SERVOS; None keeps the present one."""
-    if compass is not None and vehicle.compass.driver != (device := find_device(COMPASSES, compass)).driver:
-        vehicle = replace(vehicle, compass=_entry("compass", device))
+    """Replace compass or servo, by the names of COMPASSES and SERVOS; None keeps the present one.
+
+    A gyroscope without north becomes the second compass, beside the present one.
+    """
+    if compass is not None:
+        device, drivers = find_device(COMPASSES, compass), SECTIONS["compass"]
+        if device.driver in drivers and not drivers[device.driver].has_north:
+            vehicle = replace(vehicle, compass_b=_entry("compass_b", device))
+        elif vehicle.compass.driver != device.driver:
+            vehicle = replace(vehicle, compass=_entry("compass", device))
     if servo is not None and vehicle.rudder.driver != (device := find_device(SERVOS, servo)).driver:
         vehicle = replace(vehicle, rudder=_entry("rudder", device))
     return vehicle
@@ -94,6 +102,11 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
         "compass": _device_section(vehicle.compass, ports["compass"]),
+        **(
+            {"compass_b": _device_section(vehicle.compass_b, ports["compass_b"])}
+            if vehicle.compass_b is not None and "compass_b" in ports
+            else {}
+        ),
         "position": _emulated_section("position", vehicle.position, POSITION.driver, ports["position"], POSITION.baud),
         "rudder": _device_section(vehicle.rudder, ports["rudder"]),
         **{

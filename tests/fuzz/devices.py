@@ -85,12 +85,18 @@ def frame_vedirect(body):
     return data + bytes([-sum(data) & 0xFF])
 
 
+def frame_bno08x_rvc(body):
+    content = body[:16].ljust(16, b"\0")
+    return b"\xaa\xaa" + content + bytes([sum(content) & 0xFF])
+
+
 FRAMINGS = {
     "nmea": frame_nmea,
     "pni_tcm": partial(encode_numbered, pni_protocol.encode),
     "mti": partial(encode_numbered, mti_protocol.encode),
     "rion": frame_rion,
     "witmotion": frame_witmotion,
+    "bno08x_rvc": frame_bno08x_rvc,
     "ubx": frame_ubx,
     "dynamixel": frame_dynamixel,
     "volz": frame_volz,

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
@@ -131,3 +132,17 @@ def test_nmea_compass_outputs_only_complete_sentences(rate_hz, phase_s, baud, ga
         output += compass.take_output(now_s)
     assert output == b"" or output.endswith(b"\r\n")
     assert all(line.startswith(b"$HC") for line in output.splitlines())
+
+
+@given(gaps=st.lists(st.floats(0.0, 0.5), min_size=1, max_size=30), off_s=st.none() | st.floats(0.0, 1.0))
+def test_bno08x_outputs_only_complete_frames(gaps, off_s):
+    gyro, now_s, output = Bno08xRvcEmulator(StillBoat(), rng()), 0.0, b""
+    for gap_s in gaps:
+        now_s += gap_s
+        gyro.receive(now_s, b"\xaa\xaa")
+        if off_s is not None and now_s > 1.0:
+            gyro.power_cycle(now_s, off_s)
+            off_s = None
+        output += gyro.take_output(now_s)
+    frames = [output[start : start + 19] for start in range(0, len(output), 19)]
+    assert all(frame[:2] == b"\xaa\xaa" and sum(frame[2:18]) % 256 == frame[18] for frame in frames)

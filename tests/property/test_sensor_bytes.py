@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.records import DeviceHealth
 from firmware_py.devices import SECTIONS
-from firmware_py.sensors import mti_protocol, pni_protocol, rion, ubx_protocol, witmotion
+from firmware_py.sensors import bno08x_rvc, mti_protocol, pni_protocol, rion, ubx_protocol, witmotion
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
@@ -37,6 +37,7 @@ PVT = bytes.fromhex(
     "f6ffffffe4ffffff260000001e000000aa053000e5000000685f0d00910000e0ac4c220000e000e000000080c855".replace(" ", "")
 )
 
+RVC = bytes.fromhex("AAAADE010092FF25088DFEECFFD103000000E7")  # the example of the data sheet
 RION = bytes.fromhex("680D00840020101005250180007C")
 RION_LONG, RION_DECLINATION = bytes.fromhex("680E0084001050101005010401001D"), bytes.fromhex("6806008700008D")
 WITMOTION_ANGLE, WITMOTION_ANSWER = (
@@ -47,6 +48,7 @@ WITMOTION_ANGLE, WITMOTION_ANSWER = (
 # Noise with complete and truncated messages, which reach more states of the parsers than random bytes alone.
 MESSAGES = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
 MESSAGES += (RION, RION_LONG, RION_DECLINATION, WITMOTION_ANSWER, WITMOTION_ANGLE, WITMOTION_ANSWER + WITMOTION_ANGLE)
+MESSAGES += (RVC,)
 TRUNCATED_MESSAGES = tuple(message[: len(message) * 2 // 3] for message in MESSAGES)
 MALFORMED_MESSAGES = (
     b"$",
@@ -64,6 +66,8 @@ MALFORMED_MESSAGES = (
     b"\xfa\xff\xc1\x00\x40",
     b"\x68\x0d\x00\x84",
     b"\x55\x53",
+    b"\xaa\xaa",
+    b"\xaa\xaa" + bytes(17),
 )
 PIECES = st.sampled_from(MESSAGES + TRUNCATED_MESSAGES + MALFORMED_MESSAGES) | st.binary(max_size=12)
 STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
@@ -76,7 +80,7 @@ DRIVERS = {
 }
 FRAMERS = (
     NmeaFramer,
-    *(protocol.create_framer for protocol in (pni_protocol, mti_protocol, ubx_protocol, rion, witmotion)),
+    *(protocol.create_framer for protocol in (pni_protocol, mti_protocol, ubx_protocol, rion, witmotion, bno08x_rvc)),
 )
 
 
@@ -138,6 +142,7 @@ def test_framing_does_not_depend_on_the_pieces(make, stream, cuts):
             b"\xfa\xff\x36\xff\x08\x00" * 1500,
             b"\x68\x0d\x00\x84" * 2000,
             b"\x55\x53" * 4000,
+            b"\xaa" * 9000,
         ]
     )
 )
@@ -156,8 +161,9 @@ def test_memory_is_bounded(make, noise):
         (ubx_protocol.create_framer, PVT),
         (rion.create_framer, RION),
         (witmotion.create_framer, WITMOTION_ANGLE),
+        (bno08x_rvc.create_framer, RVC),
     ],
-    ids=["nmea", "pni", "ubx", "rion", "witmotion"],
+    ids=["nmea", "pni", "ubx", "rion", "witmotion", "bno08x_rvc"],
 )
 @given(noise=STREAMS)
 def test_valid_message_after_noise_is_decoded(make, message, noise):

@@ -14,6 +14,7 @@ import numpy as np
 from firmware_py.log.disk import log_files
 from firmware_py.system.status_file import DIRECTORIES, file_name
 from firmware_py.system.store import Store
+from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
@@ -50,6 +51,7 @@ COMPASSES = {
     "rion": ("rion", RionEmulator),
     "witmotion": ("witmotion", WitmotionEmulator),
 }
+SECOND_COMPASSES = {"nmea": NmeaCompassEmulator, "bno08x_rvc": Bno08xRvcEmulator}
 GUIDED = 15
 END_S = 15.0  # maximum time in which the rudder is centred and the log is closed
 MAX_WAIT_S = 0.02
@@ -132,7 +134,8 @@ class Boat:
     """A simulated boat with the autopilot as a process, which can be killed and started again.
 
     `speed` None: real time. `without`: sections that are left out, position or link. `plans`: names and contents of
-    files in the state directory at the start. `supply`: with panels, battery, charger and monitor.
+    files in the state directory at the start. `supply`: with panels, battery, charger and monitor. `second_compass`: a
+    driver, or True for nmea.
     """
 
     def __init__(
@@ -161,6 +164,7 @@ class Boat:
         self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)
         make_servo, baud = SERVOS[servo]
         driver, make_compass = COMPASSES[compass]
+        second = "nmea" if second_compass is True else second_compass
         self.servo = make_servo(self.world.shaft, rng(1), baud=baud)
         rate = {} if compass_rate_hz is None else {"rate_hz": compass_rate_hz}
         self.compass_device = make_compass(self.attitude, rng(2), **rate)
@@ -173,14 +177,15 @@ class Boat:
             "compass": f'[compass]\ndriver = "{driver}"\nport = "{{port}}"\nbaud = 38400\n',
             "position": '[position]\ndriver = "nmea"\nport = "{port}"\nbaud = 9600\n',
             "rudder": f'[rudder]\ndriver = "{servo}"\nport = "{{port}}"\nbaud = {baud}\n',
-            "compass_b": '[compass_b]\ndriver = "nmea"\nport = "{port}"\nbaud = 38400\n',
+            "compass_b": f'[compass_b]\ndriver = "{second}"\nport = "{{port}}"\nbaud = 38400\n',
             "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "link": '[link]\nurls = ["serial:{port}:57600"]\n',
         }
         if second_compass:
             self.other_attitude = AttitudeWithError(self.world)
-            devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, rng(5))
+            self.other_compass = SECOND_COMPASSES[second](self.other_attitude, rng(5))
+            self.other_line = devices["compass_b"] = Impaired(self.other_compass, rng(9))
         if supply is not None:
             place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
             self.plant = PowerPlant(supply, place, rng(6), lambda: self.servo.energy_j)

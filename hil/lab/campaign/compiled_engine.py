@@ -41,6 +41,8 @@ def refusals(spec: Spec) -> list[str]:
             lines.append(f"set.{name}: {NOT_SUPPORTED}; it supports {', '.join(sorted(supported_parameters()))}")
     if (spec.vehicle.compass.driver, spec.vehicle.rudder.driver) != tuple(SUPPORTED_DEVICES.values()):
         lines.append(f"vehicle: its compass or servo {NOT_SUPPORTED}")
+    if spec.vehicle.compass_b is not None:
+        lines.append(f"vehicle: its second compass {NOT_SUPPORTED}")
     return lines
 
 

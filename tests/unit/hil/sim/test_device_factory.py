@@ -38,7 +38,17 @@ def test_default_boat_has_the_output_rates():
 @pytest.mark.parametrize("servo", SERVOS)
 def test_devices_of_every_compass_and_servo_are_created(compass, servo):
     vehicle = with_devices(standard_vehicle(), compass, servo)
-    assert set(make_emulators(CALM_WORLD, vehicle, 1)) == {"compass", "position", "rudder"}
+    second = {"compass_b"} if compass == "bno08x_rvc" else set()
+    assert set(make_emulators(CALM_WORLD, vehicle, 1)) == {"compass", "position", "rudder"} | second
+
+
+def test_second_compass_is_emulated_and_does_not_change_the_other_devices():
+    vehicle = with_devices(standard_vehicle(), "bno08x_rvc", None)
+    outputs, outputs_without = outputs_of(vehicle, 1), outputs_of(standard_vehicle(), 1)
+    frames = outputs.pop("compass_b")
+    assert 290 <= len(frames) / 19 <= 301
+    assert frames.startswith(b"\xaa\xaa\x00")
+    assert outputs == outputs_without
 
 
 @pytest.mark.parametrize("compass", ["nmea", "mti"])

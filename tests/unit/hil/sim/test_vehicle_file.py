@@ -98,6 +98,19 @@ def test_another_device_replaces_its_section(tmp_path):
     assert with_devices(vehicle, None, None) == vehicle
 
 
+def test_gyroscope_without_north_becomes_the_second_compass(tmp_path):
+    (tmp_path / "boat.vehicle").write_text(WITHOUT_PARAMETER_FILE)
+    vehicle = load(tmp_path / "boat.vehicle")
+    changed = with_devices(vehicle, "bno08x_rvc", None)
+    assert changed.compass == vehicle.compass
+    assert (changed.compass_b.driver, changed.compass_b.baud) == ("bno08x_rvc", 115200)
+    assert "[compass_b]" not in file_text(changed, PORTS, {})  # without an emulated device
+    path = tmp_path / "written.toml"
+    path.write_text(file_text(changed, PORTS | {"compass_b": "/b"}, {}))
+    written = load(path).compass_b
+    assert (written.driver, written.port, written.baud) == ("bno08x_rvc", "/b", 115200)
+
+
 @pytest.mark.parametrize(
     ("text", "error"),
     [
