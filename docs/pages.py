@@ -135,7 +135,7 @@ def _driver_rows() -> Iterator[tuple[str, ...]]:
 def _default(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, int | float) else ""
+    return f"{value:g}" if isinstance(value, int | float) else value if isinstance(value, str) else ""
 
 
 def _allowed(meaning: OptionMeaning) -> str:

@@ -78,13 +78,18 @@ COMPASSES: DriverRegistry[Compass] = DriverRegistry(
         "rion": "firmware_py.sensors.rion:DRIVER",
         "witmotion": "firmware_py.sensors.witmotion:DRIVER",
         "bno08x_rvc": "firmware_py.sensors.bno08x_rvc:DRIVER",
+        "mavlink": "firmware_py.sensors.mavlink_compass:DRIVER",
     },
 )
 POSITIONS: DriverRegistry[Position] = DriverRegistry(
     "position",
     DeviceRole.POSITION,
     (PositionSample,),
-    {"nmea": "firmware_py.sensors.nmea_position:DRIVER", "ubx": "firmware_py.sensors.ubx:DRIVER"},
+    {
+        "nmea": "firmware_py.sensors.nmea_position:DRIVER",
+        "ubx": "firmware_py.sensors.ubx:DRIVER",
+        "mavlink": "firmware_py.sensors.mavlink_position:DRIVER",
+    },
 )
 RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
     "rudder",
@@ -97,7 +102,10 @@ RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
     },
 )
 POWERS: DriverRegistry[Power] = DriverRegistry(
-    "power", DeviceRole.POWER, (PowerSample,), {"vedirect": "firmware_py.sensors.vedirect:DRIVER"}
+    "power",
+    DeviceRole.POWER,
+    (PowerSample,),
+    {"vedirect": "firmware_py.sensors.vedirect:DRIVER", "mavlink": "firmware_py.sensors.mavlink_power:DRIVER"},
 )
 AIS: DriverRegistry[Vessels] = DriverRegistry(
     "ais", DeviceRole.AIS, (VesselPosition, VesselIdentity), {"nmea": "firmware_py.sensors.ais:DRIVER"}

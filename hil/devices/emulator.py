@@ -115,10 +115,12 @@ class DeviceContext:
 class EmulatedDevice:
     """The driver of an emulated device, its factory baud rate, and the function that creates it.
 
-    `interface` is the version of the interface that it was written for.
+    `interface` is the version of the interface that it was written for. `shared_by` are further sections of the vehicle
+    file that a compass serves, on the same port by the same driver.
     """
 
     interface: int
     driver: str
     baud: int
     make: Callable[[DeviceContext], Device]
+    shared_by: tuple[str, ...] = ()

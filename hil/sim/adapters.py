@@ -39,11 +39,13 @@ def open_adapters(
     with ExitStack() as stack:
         lines = {}
         for name, path in paths.items():
+            option = next(option.replace("_", "-") for option, device in ADAPTERS.items() if device == name)
+            if name not in devices:
+                raise UsageError(f"--{option} {path}: the {name} is on the port of the compass; omit this option")
             try:
                 lines[name] = stack.enter_context(contextlib.closing(SerialLine(path, bauds[name])))
             except SerialLineError as error:
-                option = next(option for option, device in ADAPTERS.items() if device == name)
-                raise UsageError(f"--{option.replace('_', '-')} {error}") from None
+                raise UsageError(f"--{option} {error}") from None
             devices[name].transmitter.is_on_real_line = True
         yield lines
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 from firmware_py.registry import PackageError, Registry
 from firmware_py.vehicle import Vehicle
@@ -11,7 +12,7 @@ from hil.devices.ais import AisEmulator
 from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice
 from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
 from hil.devices.vedirect import Kind as PowerKind
-from hil.devices.vedirect import VeDirectEmulator
+from hil.devices.vedirect import Plant, VeDirectEmulator
 from hil.errors import UsageError
 from hil.ship.disturbances import Supply, Vessels
 from hil.ship.noise import Stream, generator
@@ -44,6 +45,13 @@ def _make_gps(context: DeviceContext) -> Device:
     )
 
 
+@runtime_checkable
+class Monitor(Protocol):
+    """A device for several sections that also measures the battery."""
+
+    battery: Plant | None
+
+
 EMULATORS: Final = "rambler.emulators"  # group of entry points
 
 # By the names of `rambler-hil run --compass` and `--servo`; packages add theirs by entry points such as `compass.acme`.
@@ -57,6 +65,7 @@ COMPASSES: Registry[EmulatedDevice] = Registry(
         "rion": "hil.devices.rion:EMULATOR",
         "witmotion": "hil.devices.witmotion:EMULATOR",
         "bno08x_rvc": "hil.devices.bno08x_rvc:EMULATOR",
+        "mavlink": "hil.devices.mavlink_board:EMULATOR",
     },
     EmulatedDevice,
     INTERFACE,
@@ -93,11 +102,17 @@ def _find_device_of(devices: Registry[EmulatedDevice], driver: str) -> EmulatedD
     raise UsageError(f"driver {driver!r} has no emulated device; use one of {drivers}")
 
 
+def shared_sections(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the further sections that the emulated compass of a vehicle serves on its port."""
+    return _find_device_of(COMPASSES, vehicle.compass.driver).shared_by
+
+
 def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
     """Create compass, position, rudder, supply and AIS devices for a vehicle; raise UsageError if that fails.
 
     The declination is the one in the vehicle file. A vehicle without a power monitor gets a charger and a monitor if
-    the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`.
+    the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`. A compass that serves
+    further sections (`shared_by`) is the only device for them.
     """
     rng = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
@@ -124,15 +139,24 @@ def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Devic
         if (second := vehicle.compass_b) is not None:
             device = _find_device_of(COMPASSES, second.driver)
             devices["compass_b"] = device.make(context(second.baud, second.options, Stream.COMPASS_B, 0.1))
-        return devices | _make_power(world, vehicle, devices["rudder"], seed) | _make_ais(world, vehicle, seed)
+        supply = _make_power(world, vehicle, devices, compass_device.shared_by, seed)
+        devices = {name: device for name, device in devices.items() if name not in compass_device.shared_by}
+        return devices | supply | _make_ais(world, vehicle, seed)
     except ValueError as error:
         raise UsageError(f"vehicle file: a device cannot be emulated: {error}") from None
 
 
-def _make_power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
-    """Create the supply devices: one charger with all loads, or a charger and a monitor."""
+def _make_power(
+    world: World, vehicle: Vehicle, devices: Mapping[str, Device], shared_by: Sequence[str], seed: int
+) -> dict[str, Device]:
+    """Create the supply devices: one charger with all loads, or a charger and a monitor.
+
+    The compass is the monitor if it is `shared_by` the section power.
+    """
     supply = world.disturbances.supply
+    board, servo = devices["compass"], devices["rudder"]
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
+    entries = {name: entry for name, entry in entries.items() if name not in shared_by}
     configured = [name for name, entry in entries.items() if entry is not None]
     if supply is None and not configured:
         return {}
@@ -140,10 +164,13 @@ def _make_power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dic
     plant = PowerPlant(supply or Supply(), place, generator(seed, Stream.CLOUDS), lambda: used_energy_j(servo))
     rng = generator(seed, Stream.POWER)
     names = configured or list(entries)
+    has_monitor = len(names) > 1 or "power" in shared_by
+    if isinstance(board, Monitor):
+        board.battery = plant
     return {
         name: VeDirectEmulator(
             plant,
-            PowerKind.MONITOR if number else PowerKind.CHARGER if len(names) > 1 else PowerKind.CHARGER_WITH_LOAD,
+            PowerKind.MONITOR if number else PowerKind.CHARGER if has_monitor else PowerKind.CHARGER_WITH_LOAD,
             phase_s=float(rng.uniform(0.0, 1.0)),
             frequency_error_ppm=float(rng.normal(0.0, FREQUENCY_ERROR_PPM)),
             baud=POWER_BAUD,

@@ -21,7 +21,16 @@ from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
 from hil.devices.emulator import EmulatedDevice
 from hil.errors import UsageError
-from hil.sim.device_factory import AIS_BAUD, COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, find_device
+from hil.sim.device_factory import (
+    AIS_BAUD,
+    COMPASSES,
+    POSITION,
+    POWER_BAUD,
+    POWER_DRIVER,
+    SERVOS,
+    find_device,
+    shared_sections,
+)
 from hil.sim.world import Mounting
 
 Section = dict[str, Any]
@@ -107,7 +116,7 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
             if vehicle.compass_b is not None and "compass_b" in ports
             else {}
         ),
-        "position": _emulated_section("position", vehicle.position, POSITION.driver, ports["position"], POSITION.baud),
+        **_sensor_sections(vehicle, ports),
         "rudder": _device_section(vehicle.rudder, ports["rudder"]),
         **{
             name: {"driver": POWER_DRIVER, "port": ports[name], "baud": POWER_BAUD}
@@ -120,6 +129,15 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
         "parameters": {**vehicle.parameters, **settings},
     }
     return "\n".join(_section_text(name, section) for name, section in sections.items() if section)
+
+
+def _sensor_sections(vehicle: Vehicle, ports: Mapping[str, str]) -> dict[str, Section]:
+    """Return the sections of the receiver and of what the compass serves on its port."""
+    compass = vehicle.compass
+    rows = dict.fromkeys(shared_sections(vehicle), (compass.driver, ports["compass"], compass.baud))
+    if "position" in ports:
+        rows["position"] = (POSITION.driver, ports["position"], POSITION.baud)
+    return {name: _emulated_section(name, getattr(vehicle, name), *row) for name, row in rows.items()}
 
 
 def _emulated_section(section: str, vehicle_entry: DeviceEntry | None, driver: str, port: str, baud: int) -> Section:

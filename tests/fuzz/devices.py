@@ -7,6 +7,8 @@ import operator
 import struct
 from functools import partial
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from firmware_py.actuator import dynamixel_frames, feetech_protocol, volz_frames
 from firmware_py.common.records import DeviceState, RudderCommand
 from firmware_py.devices import CAPTURE_FORMATS, SECTIONS, calibrator_of, decode
@@ -90,6 +92,18 @@ def frame_bno08x_rvc(body):
     return b"\xaa\xaa" + content + bytes([sum(content) & 0xFF])
 
 
+def frame_mavlink(body):
+    """Frame a body as MAVLink 2 after two heartbeats of the board; its first byte selects the message."""
+    number = MAVLINK_NUMBERS[(body[0] if body else 0) % len(MAVLINK_NUMBERS)]
+    payload = body[1:] or b"\0"
+    covered = bytes((len(payload), 0, 0, 0, 1, 1)) + number.to_bytes(3, "little") + payload
+    checksum = dialect.x25crc(covered + bytes((dialect.mavlink_map[number].crc_extra,))).crc
+    return MAVLINK_HEARTBEAT * 2 + b"\xfd" + covered + checksum.to_bytes(2, "little")
+
+
+MAVLINK_NUMBERS = (0, 1, 2, 24, 30, 33, 77, 147, 193, 230)
+MAVLINK_HEARTBEAT = bytes.fromhex("fe094e0101000000000002035104031c7f")
+
 FRAMINGS = {
     "nmea": frame_nmea,
     "pni_tcm": partial(encode_numbered, pni_protocol.encode),
@@ -103,6 +117,7 @@ FRAMINGS = {
     "feetech": frame_feetech,
     "vedirect": frame_vedirect,
     "ais": frame_ais,
+    "mavlink": frame_mavlink,
 }
 
 

@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.sensors.mavlink_frames import Encoder, Message
 from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
+from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
@@ -39,6 +41,7 @@ RION_ASK = bytes.fromhex("6804000408")
 WITMOTION_READ = bytes.fromhex("FFAA270300")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
 FEETECH_PING = bytes.fromhex("FFFF010201FB")
+MAVLINK_INTERVAL = Encoder(191).message_interval(1, 1, Message.ATTITUDE, 10)
 
 # Device -> emulator, request, and the start of its reply.
 DEVICES = {
@@ -47,6 +50,11 @@ DEVICES = {
     "mti": (lambda: MtiEmulator(StillBoat(), rng()), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
     "rion": (lambda: RionEmulator(StillBoat(), rng()), RION_ASK, b"\x68\x0d\x00\x84"),
     "witmotion": (lambda: WitmotionEmulator(StillBoat(), rng(), baud=115200), WITMOTION_READ, b"\x55\x5f"),
+    "mavlink": (
+        lambda: MavlinkBoardEmulator(StillBoat(), rng()),
+        MAVLINK_INTERVAL,
+        b"\x4d\x00\x00\xff\x01",  # COMMAND_ACK of command 511
+    ),
     "volz": (lambda: VolzEmulator(ServoShaft(), rng()), VOLZ_CURRENT, b"\x30\x01"),
     "feetech": (lambda: FeetechEmulator(ServoShaft(), rng()), FEETECH_PING, b"\xff\xff\x01\x02\x00\xfc"),
 }
@@ -57,6 +65,7 @@ PIECES = st.one_of(
         DYNAMIXEL_PING, PNI_MOD_INFO, VOLZ_CURRENT, b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\xff\xff",
         b"\x01\x0e\x06", b"\x00\x05", bytes.fromhex("000515BD61"), bytes.fromhex("000A030405181908DACC"),
         bytes.fromhex("000F180000000000003DCCCCCDF971"), b"\xff\xff\xfd\x00\xfe\x09\x00\x83",
+        MAVLINK_INTERVAL, MAVLINK_INTERVAL[:20],
         MTI_GOTO_CONFIG, bytes.fromhex("FAFF1000F1"), bytes.fromhex("FAFFC00041"), b"\xfa\xff\xc0\x80",
         FEETECH_PING, b"\xff\xff\x01\xff", bytes.fromhex("FFFF01070328010055096D"),
         bytes.fromhex("FFFF01040228FFD1"), bytes.fromhex("FFFF01040228FAD6"), bytes.fromhex("FFFFFE0205FA"),

@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 
 from firmware_py.common.records import DeviceHealth
 from firmware_py.devices import SECTIONS
-from firmware_py.sensors import bno08x_rvc, mti_protocol, pni_protocol, rion, ubx_protocol, witmotion
+from firmware_py.sensors import bno08x_rvc, mavlink_frames, mti_protocol, pni_protocol, rion, ubx_protocol, witmotion
+from firmware_py.sensors.mavlink_compass import MavlinkCompass, MavlinkCompassOptions
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_fields import to_number
 from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
+from support.flight_controller import Board
 
 MAX_BODY_LENGTH = 1024
 
@@ -36,6 +38,8 @@ PVT = bytes.fromhex(
     "b56201075c0030985811e1070713083200370300000027 80ad2f0303 0a0eadeb9d528 9bb31eb50630000df7000006c04000042060000"
     "f6ffffffe4ffffff260000001e000000aa053000e5000000685f0d00910000e0ac4c220000e000e000000080c855".replace(" ", "")
 )
+BOARD = Board()
+MAVLINK = BOARD.heartbeat() * 2 + BOARD.ekf() + BOARD.attitude(98.5)
 
 RVC = bytes.fromhex("AAAADE010092FF25088DFEECFFD103000000E7")  # the example of the data sheet
 RION = bytes.fromhex("680D00840020101005250180007C")
@@ -49,6 +53,7 @@ WITMOTION_ANGLE, WITMOTION_ANSWER = (
 MESSAGES = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
 MESSAGES += (RION, RION_LONG, RION_DECLINATION, WITMOTION_ANSWER, WITMOTION_ANGLE, WITMOTION_ANSWER + WITMOTION_ANGLE)
 MESSAGES += (RVC,)
+MESSAGES += (MAVLINK, BOARD.attitude(98.5))
 TRUNCATED_MESSAGES = tuple(message[: len(message) * 2 // 3] for message in MESSAGES)
 MALFORMED_MESSAGES = (
     b"$",
@@ -68,6 +73,9 @@ MALFORMED_MESSAGES = (
     b"\x55\x53",
     b"\xaa\xaa",
     b"\xaa\xaa" + bytes(17),
+    b"\xfd\xff\x01\x00\x00\x01\x01\x1e\x00\x00",
+    b"\xfe\x1c\x00\x01\x01\x1e",
+    b"\xfd",
 )
 PIECES = st.sampled_from(MESSAGES + TRUNCATED_MESSAGES + MALFORMED_MESSAGES) | st.binary(max_size=12)
 STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
@@ -75,12 +83,13 @@ STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
 
 DRIVERS = {
     f"{section} {name}": lambda line, driver=driver: driver.make(line, driver.options())
-    for section in ("compass", "position")
+    for section in ("compass", "position", "power")
     for name, driver in SECTIONS[section].items()
 }
 FRAMERS = (
     NmeaFramer,
     *(protocol.create_framer for protocol in (pni_protocol, mti_protocol, ubx_protocol, rion, witmotion, bno08x_rvc)),
+    mavlink_frames.create_framer,
 )
 
 
@@ -143,6 +152,7 @@ def test_framing_does_not_depend_on_the_pieces(make, stream, cuts):
             b"\x68\x0d\x00\x84" * 2000,
             b"\x55\x53" * 4000,
             b"\xaa" * 9000,
+            b"\xfd\xff\x01\x00\x00\x01\x01\x1e\x00\x00" * 900,
         ]
     )
 )
@@ -162,8 +172,9 @@ def test_memory_is_bounded(make, noise):
         (rion.create_framer, RION),
         (witmotion.create_framer, WITMOTION_ANGLE),
         (bno08x_rvc.create_framer, RVC),
+        (mavlink_frames.create_framer, BOARD.attitude(98.5)),
     ],
-    ids=["nmea", "pni", "ubx", "rion", "witmotion", "bno08x_rvc"],
+    ids=["nmea", "pni", "ubx", "rion", "witmotion", "bno08x_rvc", "mavlink"],
 )
 @given(noise=STREAMS)
 def test_valid_message_after_noise_is_decoded(make, message, noise):
@@ -267,6 +278,25 @@ def test_noise_between_packets_never_gives_a_heading_witmotion(pieces):
     """A false packet passes the sum once in 256 times, but not directly after another one."""
     stream = b"\x00".join(pieces)
     assert witmotion_headings(stream) == []
+
+
+@given(st.floats(-180.0, 180.0, width=32), st.integers(0), st.integers(1, 255), st.integers(1, 255))
+def test_two_damaged_neighbouring_bytes_never_give_a_wrong_heading_mavlink(heading_deg, position, first, second):
+    """A CRC of 16 bits detects each burst of at most 16 bits; the header is checked with it."""
+    attitude = bytearray(BOARD.attitude(heading_deg))
+    assert len(mavlink_headings(bytes(attitude))) == 1
+    start = position % len(attitude)
+    attitude[start] ^= first
+    if start + 1 < len(attitude):
+        attitude[start + 1] ^= second
+    assert mavlink_headings(bytes(attitude)) == []
+
+
+def mavlink_headings(stream):
+    """Return the headings of a stream after the selection of the board and a valid status."""
+    compass = MavlinkCompass(byte_line(BOARD.heartbeat() * 2 + BOARD.ekf() + stream, 4096), MavlinkCompassOptions())
+    compass.receive(1.0)
+    return [sample.heading_rad for sample in compass.poll()]
 
 
 @given(st.text(max_size=12) | st.from_regex(r"[-+]?[0-9.]{0,12}", fullmatch=True))

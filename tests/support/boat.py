@@ -18,6 +18,7 @@ from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
+from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
@@ -50,6 +51,7 @@ COMPASSES = {
     "mti": ("mti", MtiEmulator),
     "rion": ("rion", RionEmulator),
     "witmotion": ("witmotion", WitmotionEmulator),
+    "mavlink": ("mavlink", MavlinkBoardEmulator),
 }
 SECOND_COMPASSES = {"nmea": NmeaCompassEmulator, "bno08x_rvc": Bno08xRvcEmulator}
 GUIDED = 15

@@ -7,6 +7,7 @@ import select
 import socket
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.assemble.devices import close_all, open_devices
 from firmware_py.system.network_line import TcpLine, UdpLine
@@ -14,6 +15,7 @@ from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import parse
 from hil.devices.ais_frames import position_a, sentences
 from hil.devices.nmea_text import whole_sentence
+from support.flight_controller import Board
 from support.program import unused_ports
 
 SHIP = sentences(position_a(211000001, 36.0, 121.0, 10.0, 90.0, 92))
@@ -59,6 +61,33 @@ def test_ais_has_its_own_port_or_shares_one(tmp_path, ports, port_numbers):
         headings, _, ships = read_counts(devices)
         assert (headings, ships) == (2, 1)
         assert len(devices.lines) == len(set(port_numbers)) + 1
+    finally:
+        close_all(devices.lines)
+
+
+def test_power_monitor_shares_the_port_of_compass_and_position(tmp_path, ports):
+    """A flight controller serves all three; the views are read in the order of the loop."""
+    (master, port), board = ports[0], Board()
+    sections = {name: {"driver": "mavlink", "port": port, "baud": 38400} for name in ("compass", "position", "power")}
+    rudder = {"driver": "volz", "port": ports[1][1], "baud": 115200}
+    devices = open_devices(parse({**sections, "rudder": rudder}, tmp_path / "boat.toml"), wait=True)
+    try:
+        assert len(devices.lines) == 2
+        battery = dialect.MAVLink_battery_status_message(0, 0, 0, 0, [12_800] + [0xFFFF] * 9, -1, -1, -1, -1)
+        fix = dialect.MAVLink_gps_raw_int_message(1, 3, 360000000, 1210000000, 0, 80, 80, 50, 0, 9)
+        os.write(master, board.heartbeat() * 2 + board.ekf() + board.attitude() + board.pack(fix) + board.pack(battery))
+        select.select([devices.lines[0]], [], [], 60.0)
+        (monitor,) = devices.power
+        counts = []
+        for device in (devices.compass, devices.position, monitor):
+            device.receive(1.0)
+            counts.append(len(device.poll()))
+        assert counts == [1, 1, 1]
+        parser, senders = dialect.MAVLink(None), set()
+        while len(senders) < 3:
+            assert select.select([master], [], [], 10.0)[0]
+            senders |= {message.get_srcComponent() for message in parser.parse_buffer(os.read(master, 4096)) or ()}
+        assert senders == {191, 192, 193}
     finally:
         close_all(devices.lines)
 

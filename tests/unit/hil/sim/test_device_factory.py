@@ -2,16 +2,20 @@
 
 import dataclasses
 import math
+import tomllib
 
 import pytest
 from msgspec.structs import replace
+from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.devices import SECTIONS
+from firmware_py.sensors.mavlink_frames import Encoder, Message
 from firmware_py.vehicle import Vehicle
 from hil.errors import UsageError
 from hil.ship import scenarios
+from hil.sim.adapters import open_adapters
 from hil.sim.device_factory import COMPASSES, SERVOS, make_emulators
-from hil.sim.vehicle_file import standard_vehicle, with_devices
+from hil.sim.vehicle_file import file_text, standard_vehicle, with_devices
 from hil.sim.world import World
 
 CALM_WORLD = World(scenarios.find_scenario("calm"), 1)
@@ -19,10 +23,14 @@ CALM_WORLD = World(scenarios.find_scenario("calm"), 1)
 
 def outputs_of(vehicle: Vehicle, seed: int, seconds: float = 3.0) -> dict[str, bytes]:
     world = World(scenarios.find_scenario("tank"), seed)
-    devices = make_emulators(world, vehicle, seed)
+    return outputs_in(make_emulators(world, vehicle, seed), seconds, world)
+
+
+def outputs_in(devices, seconds, world=None):
     outputs = dict.fromkeys(devices, b"")
     while (due_s := min(device.next_output_s() for device in devices.values())) < seconds:
-        world.advance_to(due_s)
+        if world is not None:
+            world.advance_to(due_s)
         for name, device in devices.items():
             outputs[name] += device.take_output(due_s)
     return outputs
@@ -39,7 +47,8 @@ def test_default_boat_has_the_output_rates():
 def test_devices_of_every_compass_and_servo_are_created(compass, servo):
     vehicle = with_devices(standard_vehicle(), compass, servo)
     second = {"compass_b"} if compass == "bno08x_rvc" else set()
-    assert set(make_emulators(CALM_WORLD, vehicle, 1)) == {"compass", "position", "rudder"} | second
+    position = set() if compass == "mavlink" else {"position"}
+    assert set(make_emulators(CALM_WORLD, vehicle, 1)) == {"compass", "rudder"} | position | second
 
 
 def test_second_compass_is_emulated_and_does_not_change_the_other_devices():
@@ -80,6 +89,45 @@ def test_device_that_cannot_be_emulated_raises_an_error(changes, error):
     boat = standard_vehicle()
     with pytest.raises(UsageError, match=error):
         make_emulators(CALM_WORLD, replace(boat, rudder=replace(boat.rudder, **changes)), 1)
+
+
+def test_board_serves_position_and_power_on_the_port_of_the_compass():
+    vehicle = with_devices(standard_vehicle(), "mavlink", None)
+    ports = {name: f"/run/{name}" for name in make_emulators(CALM_WORLD, vehicle, 1)}
+    sections = tomllib.loads(file_text(vehicle, ports, {}))
+    for name in ("compass", "position", "power"):
+        assert sections[name] == {"driver": "mavlink", "port": "/run/compass", "baud": 115_200}
+    assert "power_b" not in sections
+
+
+def test_board_is_the_battery_monitor_beside_a_charger():
+    sea = scenarios.with_disturbances(scenarios.find_scenario("calm"), "supply=60:0.4:500:4:0.8")
+    vehicle = with_devices(standard_vehicle(), "mavlink", None)
+    devices = make_emulators(World(sea, 1), vehicle, 1)
+    assert set(devices) == {"compass", "rudder", "power_b"}
+    assert devices["compass"].battery is devices["power_b"].plant
+    assert b"IL" not in outputs_in(devices, 2.0)["power_b"]
+
+
+def test_board_has_the_system_id_of_the_vehicle_file_and_the_gaps_of_the_receiver():
+    sea = scenarios.with_disturbances(scenarios.find_scenario("calm"), "receiver=0.5:1")
+    boat = with_devices(standard_vehicle(), "mavlink", None)
+    vehicle = replace(boat, compass=replace(boat.compass, options=dataclasses.replace(boat.compass.options, system=7)))
+    board = make_emulators(World(sea, 1), vehicle, 1)["compass"]
+    board.receive(1.5, Encoder(192).message_interval(7, 1, Message.GPS_RAW_INT, 10))
+    frames = dialect.MAVLink(None).parse_buffer(outputs_in({"compass": board}, 3.0)["compass"])
+    assert {frame.get_srcSystem() for frame in frames} == {7}
+    assert {frame.fix_type for frame in frames if frame.get_type() == "GPS_RAW_INT"} == {1}
+
+
+def test_adapter_of_a_device_on_the_port_of_another_is_refused():
+    vehicle = with_devices(standard_vehicle(), "mavlink", None)
+    devices = make_emulators(CALM_WORLD, vehicle, 1)
+    with (
+        pytest.raises(UsageError, match="--position-port /dev/x: the position is on the port of the compass"),
+        open_adapters({"position": "/dev/x"}, devices, vehicle),
+    ):
+        pass
 
 
 def test_every_driver_has_an_emulated_device():

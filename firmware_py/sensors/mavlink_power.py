@@ -1,0 +1,147 @@
+"""Driver of a flight controller (ArduPilot, PX4) as battery monitor, over MAVLink.
+
+Source: the definitions of BATTERY_STATUS and SYS_STATUS in common.xml.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.driver import INTERFACE, Driver
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.options import check, option
+from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
+from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.sensors.mavlink_board import (
+    POWER_COMPONENT,
+    FlightController,
+    Wanted,
+    component_option,
+    system_option,
+)
+from firmware_py.sensors.mavlink_frames import Frame, Message, Stream
+from firmware_py.sensors.message_error import MessageError, check_range
+
+RATE_HZ = 1.0
+SILENT_AFTER_S = 5.0
+SUMMARY_AFTER_S = 5.0  # SYS_STATUS is used if there has been no BATTERY_STATUS for this time
+MAX_SAMPLES = 64  # between two polls
+MAX_VOLTAGE_V = 1000.0
+
+_UNKNOWN_U16, _UNKNOWN_TEMPERATURE, _UNKNOWN_CURRENT, _UNKNOWN_CHARGE = 0xFFFF, 0x7FFF, -1, -1
+
+
+@dataclass(frozen=True, slots=True)
+class MavlinkPowerOptions:
+    """Options of the vehicle file for a flight controller as battery monitor; raises ValueError."""
+
+    system: int = system_option()
+    component: int = component_option()
+    battery: int = option("number of the battery (id of BATTERY_STATUS)", default=0, minimum=0, maximum=255)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
+
+
+class MavlinkPower:
+    """Returns one sample for each BATTERY_STATUS of the battery; for battery 0 of SYS_STATUS if there is none."""
+
+    def __init__(self, line: ByteLine, options: MavlinkPowerOptions) -> None:
+        """Store line and options."""
+        self._line = line
+        self._monitor = DeviceMonitor(line, DeviceRole.POWER, SILENT_AFTER_S)
+        wanted = (
+            Wanted(Message.BATTERY_STATUS, RATE_HZ, Stream.EXTRA3),
+            Wanted(Message.SYS_STATUS, RATE_HZ, Stream.EXTENDED_STATUS),
+        )
+        address = (options.system, options.component)
+        self._board = FlightController(line, self._monitor, address, POWER_COMPONENT, wanted)
+        self._battery = options.battery
+        self._samples: deque[PowerSample] = deque(maxlen=MAX_SAMPLES)
+        self._status_s: float | None = None  # time of the last BATTERY_STATUS of the battery
+
+    def fileno(self) -> int:
+        """Return the descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
+        for frame in self._board.receive(now_s):
+            try:
+                self._handle(frame, now_s)
+            except MessageError as error:
+                self._monitor.reject(now_s, str(error))
+
+    def poll(self) -> Sequence[PowerSample]:
+        """Return the samples since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """Return the state; every message about the battery counts as accepted."""
+        return self._monitor.health(now_s)
+
+    def _handle(self, frame: Frame, now_s: float) -> None:
+        self._monitor.note_unused("connected, no battery yet")
+        if frame.message is Message.BATTERY_STATUS:
+            if frame.fields[14] == self._battery:
+                sample = read_battery(frame.fields, now_s)
+                self._status_s = now_s
+                self._add(sample, now_s)
+        elif frame.message is Message.SYS_STATUS and self._battery == 0 and self._has_only_summary(now_s):
+            self._add(read_summary(frame.fields, now_s), now_s)
+
+    def _has_only_summary(self, now_s: float) -> bool:
+        return self._status_s is None or now_s - self._status_s > SUMMARY_AFTER_S
+
+    def _add(self, sample: PowerSample, now_s: float) -> None:
+        self._monitor.accept(now_s)
+        is_measured = sample.voltage_v is not None or sample.charge is not None
+        self._monitor.note(self._board.other_text if is_measured else "battery not measured")
+        if is_measured:
+            self._samples.append(sample)
+
+
+def read_battery(fields: tuple[int, ...], now_s: float) -> PowerSample:
+    """Return the sample of a BATTERY_STATUS; raises MessageError for a value that is out of range.
+
+    The voltage is the sum of the cells; a flight controller that does not measure cells sends the voltage of the
+    battery as one cell, or divided among several because of the range of a field.
+    """
+    temperature, cells = fields[2], fields[3:13]
+    current, remaining, more_cells = fields[13], fields[17], fields[20:24]
+    millivolts = sum(cell for cell in (*cells, *more_cells) if cell != _UNKNOWN_U16)
+    celsius = None if temperature == _UNKNOWN_TEMPERATURE else temperature * 1e-2
+    return _make_sample(millivolts, current, remaining, celsius, now_s)
+
+
+def read_summary(fields: tuple[int, ...], now_s: float) -> PowerSample:
+    """Return the sample of a SYS_STATUS; raises MessageError for a value that is out of range."""
+    millivolts, current, remaining = fields[4], fields[5], fields[12]
+    return _make_sample(0 if millivolts == _UNKNOWN_U16 else millivolts, current, remaining, None, now_s)
+
+
+def _make_sample(
+    millivolts: int, current: int, remaining: int, temperature_c: float | None, now_s: float
+) -> PowerSample:
+    """Return a sample; a discharge current is positive in MAVLink, negative in a sample. 0 V means not measured."""
+    return PowerSample(
+        t_s=now_s,
+        voltage_v=None if millivolts == 0 else check_range(millivolts * 1e-3, 0.0, MAX_VOLTAGE_V, "voltage"),
+        current_a=None if current == _UNKNOWN_CURRENT else current * -1e-2,
+        charge=None if remaining == _UNKNOWN_CHARGE else check_range(remaining * 1e-2, 0.0, 1.0, "charge"),
+        temperature_c=None if temperature_c is None else check_range(temperature_c, -100.0, 150.0, "temperature"),
+    )
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="flight controllers (ArduPilot, PX4) over MAVLink",
+    options=MavlinkPowerOptions,
+    make=MavlinkPower,
+    writes=True,
+)
