@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.common.vessels import VesselIdentity, VesselReport, merge
+from firmware_py.common.vessels import VesselReport
 from firmware_py.sensors.ais_messages import MAX_MMSI, decode_reports
 from firmware_py.sensors.ais_payload import read_payload
 from firmware_py.sensors.ais_sentences import Assembler, Message, SentenceFinder
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import RANGE, MessageError
+from firmware_py.sensors.vessel_queue import VesselQueue
 
 # The two channels have 75 time slots a second; the burst is one read of the slowest loop.
 MAX_SENTENCES_HZ, MAX_SENTENCE_BURST = 80.0, 100
-MAX_REPORTS_PER_TICK = 40
-MAX_PENDING_REPORTS = 256
 SILENT_AFTER_S = 600.0  # for minutes, no other vessel may be in range
 
 
@@ -57,7 +55,7 @@ class AisReceiver:
         self._monitor = DeviceMonitor(line, DeviceRole.AIS, SILENT_AFTER_S)
         self._sentence_finder, self._assembler = SentenceFinder(), Assembler()
         self._sentence_budget = TokenBucket(MAX_SENTENCE_BURST, MAX_SENTENCES_HZ)
-        self._pending: dict[tuple[type[VesselReport], int], VesselReport] = {}
+        self._queue = VesselQueue()
 
     def fileno(self) -> int:
         """Return -1: AIS data do not wake the loop."""
@@ -81,11 +79,8 @@ class AisReceiver:
             self._monitor.reject(now_s, "too many sentences, some dropped", dropped)
 
     def poll(self) -> Sequence[VesselReport]:
-        """Return the oldest pending reports, at most MAX_REPORTS_PER_TICK; positions first, as in the log."""
-        if not self._pending:
-            return ()
-        keys = sorted(islice(self._pending, MAX_REPORTS_PER_TICK), key=lambda key: key[0] is VesselIdentity)
-        return [self._pending.pop(key) for key in keys]
+        """Return the oldest pending reports, a limited number; positions first, as in the log."""
+        return self._queue.take()
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the health of the device; every message with a report counts as accepted."""
@@ -102,15 +97,8 @@ class AisReceiver:
             return
         self._monitor.accept(now_s)
         for report in reports:
-            key = (type(report), report.mmsi)
-            if key not in self._pending and len(self._pending) >= MAX_PENDING_REPORTS:
+            if not self._queue.add(report):
                 self._monitor.reject(now_s, "too many vessels, some dropped")
-                continue
-            previous = self._pending.get(key)
-            if isinstance(previous, VesselIdentity) and isinstance(report, VesselIdentity):
-                self._pending[key] = merge(previous, report)
-            else:
-                self._pending[key] = report
 
     def _decode_message(self, message: Message, now_s: float) -> tuple[VesselReport, ...]:
         """Return the reports of a message; a message of the boat itself has none and gives its MMSI."""
