@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A checked vehicle file; compass, position, power and AIS may share a port."""
+    """A checked vehicle file; compasses, position, power and AIS may share a port."""
 
     name: str
     compass: DeviceEntry
@@ -80,7 +80,7 @@ class Vehicle(msgspec.Struct, frozen=True):
 
 
 MAX_BYTES = 1 << 20  # of a vehicle or parameter file
-NETWORK, _NO_BAUD = ("udp:", "tcp:"), 38400  # prefixes of network ports; placeholder for their rate
+NETWORK, _NO_BAUD = ("udp:", "tcp:", "can:"), 38400  # prefixes of network ports; placeholder for their rate
 _MAX_CHARACTERS = 60  # of a name in a message
 _MAX_BITS = 4096  # of an integer, because Python limits the conversion of integers to text
 _OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -13,15 +13,24 @@ from firmware_py.common.records import DeviceRole
 from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, SECTIONS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.second_sensor import SecondSensor
-from firmware_py.system.network_line import TcpLine, UdpLine
+from firmware_py.system.network_line import NetworkLine, TcpLine, UdpLine
 from firmware_py.system.port_users import find_port_users
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
 REOPEN_AFTER_S = 10.0  # after this time without received bytes, a port is reopened
 
-Line = SerialPort | UdpLine | TcpLine
-_NETWORK: Mapping[str, type[UdpLine | TcpLine]] = {"udp": UdpLine, "tcp": TcpLine}  # the prefixes in vehicle.NETWORK
+Line = SerialPort | NetworkLine
+
+
+def _create_can_line(port: str) -> NetworkLine:
+    from firmware_py.system.can_line import can_line  # noqa: PLC0415 - only for a boat with such a port
+
+    return can_line(port)
+
+
+# The prefixes in vehicle.NETWORK.
+_NETWORK: Mapping[str, Callable[[str], NetworkLine]] = {"udp": UdpLine, "tcp": TcpLine, "can": _create_can_line}
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -50,7 +59,7 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     if (entry := vehicle.position) is not None:
         position = POSITIONS[entry.driver].make(shared["position"], entry.options)
     if (entry_b := vehicle.compass_b) is not None:
-        driver = COMPASSES[entry_b.driver].make(_add_line(entry_b, lines), entry_b.options)
+        driver = COMPASSES[entry_b.driver].make(shared["compass_b"], entry_b.options)
         compass_b = SecondSensor(driver, DeviceRole.COMPASS_B)
     power = _create_power_monitors(vehicle, shared, lines)
     vessels = None
@@ -62,11 +71,17 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
 
 
 def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
-    """Return the lines of compass, position, power and AIS by name; devices that share a port get views of one line.
+    """Return the lines of compasses, position, power and AIS by name; devices that share a port get views of one line.
 
     The views must be read in this order. New lines are added to `lines`.
     """
-    entries = {"compass": vehicle.compass, "position": vehicle.position, "power": vehicle.power, "ais": vehicle.ais}
+    entries = {
+        "compass": vehicle.compass,
+        "compass_b": vehicle.compass_b,
+        "position": vehicle.position,
+        "power": vehicle.power,
+        "ais": vehicle.ais,
+    }
     users: dict[str, dict[str, DeviceEntry]] = {}
     for name, entry in entries.items():
         if entry is not None:
@@ -87,7 +102,7 @@ def share_line(line: ByteLine, count: int) -> list[ByteLine]:
 
 
 def create_line(port: str, baud: int) -> Line:
-    """Return the line of a port of the vehicle file: serial, UDP or TCP."""
+    """Return the line of a port of the vehicle file: serial, UDP, TCP or CAN."""
     kind = _NETWORK.get(port.partition(":")[0])
     return SerialPort(port, baud, silent_s=REOPEN_AFTER_S) if kind is None else kind(port)
 

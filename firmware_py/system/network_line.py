@@ -48,6 +48,10 @@ class NetworkLine:
         """Open the socket."""
         raise NotImplementedError
 
+    def read(self) -> bytes:
+        """Return the pending bytes, at most about MAX_READ_BYTES; close a line that has failed."""
+        raise NotImplementedError
+
     def reopen(self, now_s: float) -> str:
         """Try to open a missing socket, at most once a second; return an empty report."""
         if self._socket is None and now_s >= self._retry_s:
