@@ -79,6 +79,7 @@ COMPASSES: DriverRegistry[Compass] = DriverRegistry(
         "witmotion": "firmware_py.sensors.witmotion:DRIVER",
         "bno08x_rvc": "firmware_py.sensors.bno08x_rvc:DRIVER",
         "mavlink": "firmware_py.sensors.mavlink_compass:DRIVER",
+        "nmea2000": "firmware_py.sensors.nmea2000_compass:DRIVER",
     },
 )
 POSITIONS: DriverRegistry[Position] = DriverRegistry(
@@ -89,6 +90,7 @@ POSITIONS: DriverRegistry[Position] = DriverRegistry(
         "nmea": "firmware_py.sensors.nmea_position:DRIVER",
         "ubx": "firmware_py.sensors.ubx:DRIVER",
         "mavlink": "firmware_py.sensors.mavlink_position:DRIVER",
+        "nmea2000": "firmware_py.sensors.nmea2000_position:DRIVER",
     },
 )
 RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
@@ -108,7 +110,10 @@ POWERS: DriverRegistry[Power] = DriverRegistry(
     {"vedirect": "firmware_py.sensors.vedirect:DRIVER", "mavlink": "firmware_py.sensors.mavlink_power:DRIVER"},
 )
 AIS: DriverRegistry[Vessels] = DriverRegistry(
-    "ais", DeviceRole.AIS, (VesselPosition, VesselIdentity), {"nmea": "firmware_py.sensors.ais:DRIVER"}
+    "ais",
+    DeviceRole.AIS,
+    (VesselPosition, VesselIdentity),
+    {"nmea": "firmware_py.sensors.ais:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_ais:DRIVER"},
 )
 
 # Drivers of each section of a vehicle file.
@@ -132,6 +137,7 @@ CAPTURE_FORMATS: Mapping[str, tuple[DriverRegistry[Any], str]] = {
     "bno08x_rvc": (COMPASSES, "bno08x_rvc"),
     "ubx": (POSITIONS, "ubx"),
     "vedirect": (POWERS, "vedirect"),
+    "nmea2000": (COMPASSES, "nmea2000"),
 }
 
 

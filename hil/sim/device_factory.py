@@ -66,6 +66,7 @@ COMPASSES: Registry[EmulatedDevice] = Registry(
         "witmotion": "hil.devices.witmotion:EMULATOR",
         "bno08x_rvc": "hil.devices.bno08x_rvc:EMULATOR",
         "mavlink": "hil.devices.mavlink_board:EMULATOR",
+        "nmea2000": "hil.devices.nmea2000:EMULATOR",
     },
     EmulatedDevice,
     INTERFACE,

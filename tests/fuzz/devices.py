@@ -14,6 +14,7 @@ from firmware_py.common.records import DeviceState, RudderCommand
 from firmware_py.devices import CAPTURE_FORMATS, SECTIONS, calibrator_of, decode
 from firmware_py.sensors import mti_protocol, pni_protocol
 from firmware_py.sensors.decode import format_text
+from firmware_py.sensors.nmea2000_table import LAYOUTS
 from fuzz.target import Target, check_finite, check_line, records
 
 # Bits of the kind of a record.
@@ -82,6 +83,16 @@ def frame_ais(body):
 ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
 
 
+def frame_actisense(body):
+    """Frame bytes as an Actisense message: the first byte selects the PGN, the second the source."""
+    pgn = (*LAYOUTS, 60928)[body[0] % (len(LAYOUTS) + 1)] if body else 0
+    source, data = body[1:2] or b"\0", body[2:225]
+    content = b"\2" + pgn.to_bytes(3, "little") + b"\xff" + source + bytes(4) + bytes([len(data)]) + data
+    content = bytes([0x93, len(content)]) + content
+    content += bytes([-sum(content) & 0xFF])
+    return b"\x10\x02" + content.replace(b"\x10", b"\x10\x10") + b"\x10\x03"
+
+
 def frame_vedirect(body):
     data = body + b"\r\nChecksum\t"
     return data + bytes([-sum(data) & 0xFF])
@@ -118,6 +129,7 @@ FRAMINGS = {
     "vedirect": frame_vedirect,
     "ais": frame_ais,
     "mavlink": frame_mavlink,
+    "nmea2000": frame_actisense,
 }
 
 
@@ -193,7 +205,11 @@ def check_sample(sample, now_s):
 
 def run_driver(section, name, data):
     """Feed a driver with the records, one per poll, and check samples and health."""
-    driver, framing, line = SECTIONS[section][name], FRAMINGS["ais" if section == "ais" else name], Line()
+    driver, framing, line = (
+        SECTIONS[section][name],
+        FRAMINGS["ais" if (section, name) == ("ais", "nmea") else name],
+        Line(),
+    )
     device = driver.make(line, driver.options())
     calibrator = calibrator_of(name, device) if section == "compass" else None
     message_count, now_s = 0, 0.0
@@ -249,10 +265,14 @@ AIS_WORDS = (
     b"!AIVDM,1,1,,A,", b"!AIVDM,2,1,3,B,", b"!AIVDM,2,2,3,B,", b"!AIVDO,1,1,,,", b",0*", b",2*", b"\\g:1-2-3*00\\",
     b"15M67FC000G?ufbE`FepT@3n00Sa", b"B3KLehP0B@LTN6`Vl;rrBE063P06", b"H3KLehdt00000000?6ekkjm00000",
 )  # fmt: skip
-WORDS = {"nmea": NMEA_WORDS, "vedirect": VEDIRECT_WORDS}
+NMEA2000_WORDS = (
+    b"\x10\x02\x93", b"\x10\x03", b"\x10\x10", b"\x12\xf1\x01", b"\x13\xf1\x01", b"\x05\xf8\x01", b"\xff\x7f",
+)  # fmt: skip
+WORDS = {"nmea": NMEA_WORDS, "vedirect": VEDIRECT_WORDS, "nmea2000": NMEA2000_WORDS}
 TARGETS = {
     f"{section}_{name}": Target(
-        partial(run_driver, section, name), words=AIS_WORDS if section == "ais" else WORDS.get(name, ())
+        partial(run_driver, section, name),
+        words=AIS_WORDS if (section, name) == ("ais", "nmea") else WORDS.get(name, ()),
     )
     for section, drivers in SECTIONS.items()
     if not section.endswith("_b")  # these have the same drivers

@@ -37,6 +37,16 @@ def test_only_the_pni_compass_has_a_calibrator():
 
 
 def test_names_of_the_capture_formats():
-    assert list(CAPTURE_FORMATS) == ["nmea", "pni", "mti", "rion", "witmotion", "bno08x_rvc", "ubx", "vedirect"]
+    assert list(CAPTURE_FORMATS) == [
+        "nmea",
+        "pni",
+        "mti",
+        "rion",
+        "witmotion",
+        "bno08x_rvc",
+        "ubx",
+        "vedirect",
+        "nmea2000",
+    ]
     (result,) = decode("nmea", b"$HEHDT,341.8,T*21\r\n")
     assert (result["type"], result["true_deg"]) == ("heading", 341.8)

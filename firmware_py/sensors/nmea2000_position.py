@@ -1,0 +1,205 @@
+"""Driver of a GNSS receiver on an NMEA 2000 bus."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.driver import INTERFACE, Driver
+from firmware_py.common.geodesy import is_possible_position
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.sensors.message_error import MessageError
+from firmware_py.sensors.nmea2000_frames import Message
+from firmware_py.sensors.nmea2000_layout import Values, read_numbers
+from firmware_py.sensors.nmea2000_reader import Nmea2000Options, Nmea2000Reader
+from firmware_py.sensors.nmea2000_source import SourceSelection
+from firmware_py.sensors.nmea2000_table import LAYOUTS
+
+SYSTEM_TIME, POSITION, COURSE, GNSS_POSITION = 126992, 129025, 129026, 129029
+SOURCE_TIMEOUT_S = 5.0  # then another device may become the source
+GNSS_TIMEOUT_S = 3.0  # without PGN 129029, whose interval is 1 s, each PGN 129025 is a fix
+COURSE_HOLD_S = 1.0  # the standard interval is 0.25 s
+TIME_HOLD_S = 2.5  # the standard interval of PGN 126992 is 1 s
+MAX_REPEATED_TIME_S = 3.0  # a hanging receiver repeats a time for longer
+MAX_SPEED_M_S = 200.0
+MIN_ALTITUDE_M, MAX_ALTITUDE_M = -1e3, 1e5
+MIN_UTC_S = 315_532_800.0  # 1980-01-01
+MAX_SAMPLES = 512  # between two polls
+_SECONDS_PER_DAY = 86_400
+_TRUE = 0  # reference of the course
+_UNSAFE = 3  # integrity
+
+# Field `method`; estimated (6), manual (7) and simulated (8) positions are not used.
+_FIXES: Mapping[float | int | None, FixType] = {
+    1: FixType.FIX_3D,
+    2: FixType.DGPS,
+    3: FixType.FIX_3D,
+    4: FixType.RTK_FIXED,
+    5: FixType.RTK_FLOAT,
+}
+
+
+class Nmea2000Position:
+    """Returns one sample per PGN 129029 of one device, with the latest course and speed (129026) of the device.
+
+    PGN 129029 states how the position was measured. A receiver that does not send it gives one sample per PGN 129025
+    instead, as a fix without altitude, with the time of PGN 126992.
+    """
+
+    def __init__(self, line: ByteLine, options: Nmea2000Options) -> None:
+        """Store line and options."""
+        self._line = line
+        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
+        self._selection = SourceSelection("position", options.source, SOURCE_TIMEOUT_S)
+        pgns = (SYSTEM_TIME, POSITION, COURSE, GNSS_POSITION)
+        self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
+        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
+        self._source: int | None = None
+        self._gnss_s = -math.inf  # time of the last PGN 129029
+        self._course: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, course, speed
+        self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
+        self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
+
+    def fileno(self) -> int:
+        """Return the descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Decode the received bytes with the time stamp now_s."""
+        if self._monitor.notice_reopening():
+            self._reader.restart()
+            self._forget()
+        for message in self._reader.read(now_s):
+            try:
+                self._handle_message(message, now_s)
+            except MessageError as error:
+                self._monitor.reject(now_s, str(error))
+        self._reader.report_source(now_s)
+
+    def poll(self) -> Sequence[PositionSample]:
+        """Return the fixes since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """Return the state; every position message of the device counts as accepted, also one without a fix."""
+        return self._monitor.health(now_s)
+
+    def _forget(self) -> None:
+        """Discard the values of the previous device."""
+        self._gnss_s = -math.inf
+        self._course = (-math.inf, None, None)
+        self._utc = self._last_utc = None
+
+    def _handle_message(self, message: Message, now_s: float) -> None:
+        pgn, source = message.pgn, message.source
+        if pgn in (SYSTEM_TIME, COURSE):
+            if source == self._selection.address:
+                self._note_values(pgn, read_numbers(LAYOUTS[pgn], message.data), now_s)
+            return
+        values = read_numbers(LAYOUTS[pgn], message.data)
+        if not self._selection.accepts(source, now_s):
+            return
+        if source != self._source:
+            self._source = source
+            self._forget()
+        self._monitor.accept(now_s)
+        self._reader.note_used(now_s)
+        if pgn == GNSS_POSITION:
+            self._gnss_s = now_s
+            self._append(values, _FIXES.get(values["method"], FixType.NONE), now_s)
+        elif now_s - self._gnss_s > GNSS_TIMEOUT_S:
+            self._append(values, FixType.FIX_2D, now_s)
+
+    def _note_values(self, pgn: int, values: Values, now_s: float) -> None:
+        """Store course and speed, or the time."""
+        if pgn == SYSTEM_TIME:
+            utc_s = utc_of(values)
+            self._utc = None if utc_s is None else (now_s, utc_s)
+        else:
+            speed_m_s, course_rad = values["sog_m_s"], values["cog_rad"]
+            is_true = values["cog_reference"] == _TRUE
+            self._course = (
+                now_s,
+                wrap_two_pi(course_rad) if is_true and course_rad is not None else None,
+                speed_m_s if speed_m_s is not None and speed_m_s <= MAX_SPEED_M_S else None,
+            )
+
+    def _append(self, values: Values, fix: FixType, now_s: float) -> None:
+        """Append the sample of a position, or the report that there is none."""
+        latitude_deg, longitude_deg = values["latitude_deg"], values["longitude_deg"]
+        satellites = values.get("number_of_svs")
+        utc_s = utc_of(values) if "date_days" in values else None
+        if fix is FixType.NONE or latitude_deg is None or longitude_deg is None:
+            reason = "no fix"
+        elif not is_possible_position(radians(latitude_deg), radians(longitude_deg)):
+            reason = "position invalid: no fix"
+        elif values.get("integrity") == _UNSAFE:
+            reason = "integrity unsafe: no fix"
+        elif self._is_time_frozen(utc_s, now_s):
+            reason = "time not advancing: no fix"
+        else:
+            reason = ""
+        self._monitor.note(reason)
+        if reason or latitude_deg is None or longitude_deg is None:
+            self._samples.append(PositionSample(now_s, FixType.NONE, satellites=_to_int(satellites)))
+            return
+        altitude_m, hdop = values.get("altitude_m"), values.get("hdop")
+        if altitude_m is not None and not MIN_ALTITUDE_M <= altitude_m <= MAX_ALTITUDE_M:
+            altitude_m = None
+        course_s, course_rad, speed_m_s = self._course
+        has_course = now_s - course_s <= COURSE_HOLD_S
+        self._samples.append(
+            PositionSample(
+                t_s=now_s,
+                fix=FixType.FIX_2D if fix is FixType.FIX_3D and altitude_m is None else fix,
+                latitude_rad=radians(latitude_deg),
+                longitude_rad=radians(longitude_deg),
+                altitude_m=altitude_m,
+                speed_over_ground_m_s=speed_m_s if has_course else None,
+                course_over_ground_rad=course_rad if has_course else None,
+                satellites=_to_int(satellites),
+                hdop=hdop if hdop is not None and hdop >= 0.0 else None,
+                utc_s=self._system_utc_s(now_s) if utc_s is None else utc_s,
+            )
+        )
+
+    def _system_utc_s(self, now_s: float) -> float | None:
+        """Return the UTC of now by the last PGN 126992, None if that is too old."""
+        if self._utc is None or now_s - self._utc[0] > TIME_HOLD_S:
+            return None
+        return self._utc[1] + now_s - self._utc[0]
+
+    def _is_time_frozen(self, utc_s: float | None, now_s: float) -> bool:
+        """Return whether the time of PGN 129029 has not advanced for MAX_REPEATED_TIME_S."""
+        if utc_s is None:
+            return False
+        if self._last_utc is None or self._last_utc[0] != utc_s:
+            self._last_utc = (utc_s, now_s)
+        return now_s - self._last_utc[1] > MAX_REPEATED_TIME_S
+
+
+def utc_of(values: Values) -> float | None:
+    """Return the UTC of the fields date (days since 1970-01-01) and time (since midnight), None before 1980."""
+    days, time_s = values["date_days"], values["time_s"]
+    if days is None or time_s is None:
+        return None
+    utc_s = days * _SECONDS_PER_DAY + time_s
+    return utc_s if utc_s >= MIN_UTC_S else None
+
+
+def _to_int(value: float | None) -> int | None:
+    return None if value is None else int(value)
+
+
+DRIVER = Driver(
+    interface=INTERFACE,
+    device="GNSS receivers on an NMEA 2000 bus (PGN 129029, 129025, 129026, 126992), by a gateway or SocketCAN",
+    options=Nmea2000Options,
+    make=Nmea2000Position,
+)
