@@ -80,6 +80,7 @@ class LoopParts:
     notices: list[Event] = field(default_factory=list)  # events of the next tick
     signal_events: Callable[[], tuple[Event, ...]] = tuple  # events of process signals
     compass_b: Compass | None = None
+    compass_b_is_prompt: bool = True  # False for a gyroscope, which sends a hundred times a second
     power: tuple[Power, ...] = ()
     vessels: Vessels | None = None  # read after the rudder command is sent
     rudder_angle: RudderAngle | None = None
@@ -97,9 +98,10 @@ class LoopParts:
 
     def __post_init__(self) -> None:
         """Group the devices."""
+        prompt = (self.compass, self.compass_b if self.compass_b_is_prompt else None, self.position)
+        self.prompt_devices = tuple(device for device in prompt if device is not None)
         sensors = (self.compass, self.compass_b, self.position)
-        self.prompt_devices = tuple(device for device in sensors if device is not None)
-        self.devices = (*self.prompt_devices, self.rudder, *self.power)
+        self.devices = (*(device for device in sensors if device is not None), self.rudder, *self.power)
         if self.rudder_angle is not None:
             self.devices = (*self.devices, self.rudder_angle)
         self.all_devices = self.devices if self.vessels is None else (*self.devices, self.vessels)

@@ -34,6 +34,7 @@ from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
+from firmware_py.devices import COMPASSES
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -110,9 +111,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
-    for text in driver_problems(vehicle):
-        say(text)
-    for text in shared_port_warnings(lines) if options.lockstep is None else ():
+    for text in (*driver_problems(vehicle), *(shared_port_warnings(lines) if options.lockstep is None else ())):
         say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, clock_start = _create_clock(clock, options, lines, store)
@@ -141,6 +140,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
         autopilot=autopilot,
         compass=devices.compass,
         compass_b=devices.compass_b,
+        compass_b_is_prompt=vehicle.compass_b is None or COMPASSES[vehicle.compass_b.driver].has_north,
         position=with_corrected_times(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
         power=devices.power,

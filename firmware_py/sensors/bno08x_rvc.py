@@ -48,7 +48,7 @@ FRAME_RATE_HZ: Final = 100
 FRAME_BYTES: Final = 19
 RATE_FRAMES: Final = 5  # periods over which a yaw rate is measured: 0.01 deg in 50 ms are 0.2 deg/s
 MAX_LOST_FRAMES: Final = 10
-MAX_GAP_S: Final = 0.25  # a device that restarts is silent for longer; the index repeats after 2.56 s
+MAX_GAP_S: Final = 0.25  # without frames on the line; a device that restarts is silent for longer
 MAX_YAW_RATE_DEG_S: Final = 150.0  # a breaking wave turns a boat by 90 deg/s; a restart moves the yaw at once
 MAX_PITCH_DEG: Final = 80.0  # near 90 degrees, yaw and roll turn about the same axis
 MAX_SAMPLES: Final = 256  # between two polls; one read of 4096 bytes contains 215 frames
@@ -115,6 +115,7 @@ class Bno08xRvc:
         self._framer = create_framer()
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._previous: tuple[Reading, float] | None = None  # and its time
+        self._received_s = 0.0  # time of the previous reading of the line, with or without bytes
         self._number = 0  # of the last frame, counted with the lost ones
         self._turned_rad = 0.0  # since the start
         self._history: deque[tuple[int, float]] = deque(maxlen=RATE_FRAMES + 1)  # frame number, angle turned
@@ -130,11 +131,11 @@ class Bno08xRvc:
             self._framer = create_framer()
             self._previous = None
         data = self._line.read()
-        if not data:
-            return
-        self._monitor.note_bytes(now_s)
-        for packet in self._framer.feed(data):
-            self._handle_packet(packet, now_s)
+        if data:
+            self._monitor.note_bytes(now_s)
+            for packet in self._framer.feed(data):
+                self._handle_packet(packet, now_s)
+        self._received_s = now_s
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
@@ -176,7 +177,8 @@ class Bno08xRvc:
         periods = (reading.index - previous.index) & 0xFF
         turned_rad = wrap_pi(radians(reading.yaw_deg - previous.yaw_deg))
         max_turn_rad = radians(MAX_YAW_RATE_DEG_S * periods / FRAME_RATE_HZ)
-        is_next = 1 <= periods <= 1 + MAX_LOST_FRAMES and now_s - previous_s <= MAX_GAP_S
+        # Frames that wait until the line is read are no gap.
+        is_next = 1 <= periods <= 1 + MAX_LOST_FRAMES and self._received_s - previous_s <= MAX_GAP_S
         if not (is_next and abs(turned_rad) <= max_turn_rad):
             self._monitor.reject(now_s, "restarted, or frames lost: yaw rate starts again")
             return False

@@ -371,6 +371,18 @@ def test_battery_monitor_is_read_at_the_ticks(boat):
     assert power.receive_times_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
+@pytest.mark.parametrize("is_prompt", [True, False])
+def test_second_compass_wakes_the_loop_unless_it_is_a_gyroscope(boat, is_prompt):
+    boat.compass_b, boat.compass_b_is_prompt = FakeCompass(DeviceRole.COMPASS_B, 12), is_prompt
+    boat.__post_init__()
+    assert boat.compass_b in boat.devices
+    boat.clock.arrivals = [(0.137, 12)]
+    set_parameter(boat, "LOOP_LOCK", 0)
+    run_for(boat, 0.35)
+    expected_s = [0.0, 0.1, 0.137, 0.2, 0.3] if is_prompt else [0.0, 0.1, 0.2, 0.3]
+    assert boat.compass_b.receive_times_s == pytest.approx(expected_s)
+
+
 def test_link_is_not_served_shortly_before_a_deadline(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
     boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR), (0.1985, FakeLink.DESCRIPTOR)]

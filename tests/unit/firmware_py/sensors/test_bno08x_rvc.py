@@ -166,9 +166,10 @@ def test_measurement_starts_again_after_more_than_ten_lost_frames(send, gyro, lo
 
 
 @pytest.mark.parametrize(("pause_s", "count"), [(0.24, 7), (0.26, 2)])
-def test_measurement_starts_again_after_a_pause(send, pause_s, count):
+def test_measurement_starts_again_after_a_pause_on_the_line(send, gyro, pause_s, count):
     samples = send(frames(0, [0.0] * 6))
-    samples += send(frames(6, [0.0] * 6), begin_s=1.05 + pause_s)
+    gyro.receive(1.05 + pause_s)
+    samples += send(frames(6, [0.0] * 6), begin_s=3.0)
     assert len(samples) == count
 
 
