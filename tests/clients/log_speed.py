@@ -1,8 +1,8 @@
-"""Measures how fast a running autopilot sends a log: chunk by chunk, as MAVSDK and QGroundControl ask for it.
+"""Measures how fast a running autopilot sends a log, requested in chunks as by MAVSDK and QGroundControl.
 
     python log_speed.py PORT        the autopilot's link is udpout:127.0.0.1:PORT
 
-It takes the largest log and prints its size, the time and the rate.
+It downloads the largest log and prints its size, the time and the rate.
 """
 
 import socket
@@ -17,7 +17,7 @@ PATIENCE_S = 2.0
 
 
 def frames(datagram):
-    """The message ids and payloads in a datagram of MAVLink 2."""
+    """Yield the message ids and payloads in a datagram of MAVLink 2."""
     start = 0
     while start < len(datagram):
         length = datagram[start + 1]
@@ -26,7 +26,7 @@ def frames(datagram):
 
 
 class Station:
-    """Just enough of a ground station, so that it is not what is measured."""
+    """A minimal ground station, so that its own speed does not matter."""
 
     def __init__(self, port):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -39,16 +39,16 @@ class Station:
         self._socket.sendto(message.pack(self._mav), self._boat)
 
     def payloads(self, number):
-        """The payloads of a message, until nothing comes."""
+        """Yield the payloads of a message until PATIENCE_S passes without a datagram."""
         while True:
             try:
                 datagram = self._socket.recv(4096)
             except TimeoutError:
                 return
-            yield from (payload for found, payload in frames(datagram) if found == number)
+            yield from (payload for message_id, payload in frames(datagram) if message_id == number)
 
-    def largest(self):
-        """The number and size of the largest log."""
+    def find_largest(self):
+        """Return the number and the size of the largest log."""
         self.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
         sizes = {}
         for payload in self.payloads(118):
@@ -59,28 +59,28 @@ class Station:
         return max(sizes.items(), key=lambda entry: entry[1])
 
     def fetch(self, number, start, count):
-        """One chunk; asks again for all of it when something is missing."""
-        found, have = {}, 0
-        while have < count:
+        """Return one chunk; request all of it again while data are missing."""
+        data_by_offset, received_bytes = {}, 0
+        while received_bytes < count:
             self.send(mavlink.MAVLink_log_request_data_message(1, 1, number, start, count))
             for payload in self.payloads(120):
-                whole = payload.ljust(97, b"\0")
-                offset, _, length = struct.unpack_from("<IHB", whole)
-                if offset not in found:
-                    found[offset] = whole[7 : 7 + length]
-                    have += length
-                if have >= count:
+                message = payload.ljust(97, b"\0")
+                offset, _, length = struct.unpack_from("<IHB", message)
+                if offset not in data_by_offset:
+                    data_by_offset[offset] = message[7 : 7 + length]
+                    received_bytes += length
+                if received_bytes >= count:
                     break
-        return b"".join(found[offset] for offset in sorted(found))
+        return b"".join(data_by_offset[offset] for offset in sorted(data_by_offset))
 
 
 def main():
     station = Station(int(sys.argv[1]))
-    number, size = station.largest()
-    begun_s, content = time.perf_counter(), bytearray()
+    number, size = station.find_largest()
+    start_s, content = time.perf_counter(), bytearray()
     while len(content) < size:
         content += station.fetch(number, len(content), min(CHUNK_BYTES, size - len(content)))
-    seconds = time.perf_counter() - begun_s
+    seconds = time.perf_counter() - start_s
     print(f"log {number}: {size} bytes in {seconds:.2f} s, {size / seconds / 1e6:.2f} MB/s")
 
 

@@ -1,10 +1,9 @@
-"""A client written with MAVSDK that moves plans to and fro, run as a process of its own.
+"""A client written with MAVSDK, as a separate process: it uploads and downloads plans.
 
     python mavsdk_missions.py URL PLAN RESULTS.json
 
-PLAN is a .plan of QGroundControl, which MAVSDK reads too. MAVSDK's library writes to standard
-output from threads of its own, so the results go to a file. Exit code 77 says that MAVSDK
-cannot be had on this machine.
+PLAN is a plan file of QGroundControl, which MAVSDK also reads. The library of MAVSDK writes to standard output from its
+own threads, so the results go to a file. Exit code 77: MAVSDK is not usable on this machine.
 """
 
 import json
@@ -12,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-# First: it ends the process with 77 where MAVSDK cannot be had.
+# First: it ends the process with code 77 if MAVSDK is not usable.
 from mavsdk_system import autopilot, wait
 
 # isort: split
@@ -23,7 +22,7 @@ ITEMS = 500
 
 
 def mission(count):
-    """Home and waypoints in a row, with numbers that tell them apart."""
+    """Return home and `count` waypoints in a row, all different."""
     return [
         MissionItem(
             seq=index,
@@ -42,51 +41,53 @@ def mission(count):
 
 
 def fields(item):
+    """Return the fields of an item as text, which compares NaN as equal."""
     names = ("seq", "frame", "command", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
     return [repr(getattr(item, name)) for name in (*names, "mission_type")]
 
 
 def timed(call, *arguments):
-    begun_s = time.monotonic()
+    """Return the result of a call and its duration in seconds."""
+    start_s = time.monotonic()
     result = call(*arguments)
-    return result, time.monotonic() - begun_s
+    return result, time.monotonic() - start_s
 
 
-def move_plans(missions, plan_file, seen):
+def transfer_plans(missions, plan_file, results):
     sent = mission(ITEMS)
-    _, seen["upload_s"] = timed(missions.upload_mission, sent)
-    got, seen["download_s"] = timed(missions.download_mission)
-    seen["sent"], seen["got"] = [fields(item) for item in sent], [fields(item) for item in got]
-    wait(lambda: seen["progress"], "the progress of the mission")
-    seen["total"] = missions.mission_progress().total
+    _, results["upload_s"] = timed(missions.upload_mission, sent)
+    received, results["download_s"] = timed(missions.download_mission)
+    results["sent"], results["got"] = [fields(item) for item in sent], [fields(item) for item in received]
+    wait(lambda: results["progress"], "the progress of the mission")
+    results["total"] = missions.mission_progress().total
     imported = missions.import_qgroundcontrol_mission(str(plan_file))
     missions.upload_geofence(imported.geofence_items)
     missions.upload_rally_points(imported.rally_items)
-    seen["fence_sent"] = [fields(item) for item in imported.geofence_items]
-    seen["rally_sent"] = [fields(item) for item in imported.rally_items]
-    seen["fence_got"] = [fields(item) for item in missions.download_geofence()]
-    seen["rally_got"] = [fields(item) for item in missions.download_rallypoints()]
-    bad = mission(3)
-    bad[2].command = 21
+    results["fence_sent"] = [fields(item) for item in imported.geofence_items]
+    results["rally_sent"] = [fields(item) for item in imported.rally_items]
+    results["fence_got"] = [fields(item) for item in missions.download_geofence()]
+    results["rally_got"] = [fields(item) for item in missions.download_rallypoints()]
+    invalid = mission(3)
+    invalid[2].command = 21
     try:
-        missions.upload_mission(bad)
-        seen["bad"] = "SUCCESS"
+        missions.upload_mission(invalid)
+        results["bad"] = "SUCCESS"
     except MavsdkError as error:
-        seen["bad"] = error.result.name
-    seen["after_bad"] = len(missions.download_mission())
+        results["bad"] = error.result.name
+    results["after_bad"] = len(missions.download_mission())
     missions.clear_mission()
-    seen["after_clear"] = len(missions.download_mission())
+    results["after_clear"] = len(missions.download_mission())
 
 
 def main():
-    url, plan_file, results = sys.argv[1:]
+    url, plan_file, result_file = sys.argv[1:]
     with autopilot(url) as system:
         missions = MissionRaw(system)
-        seen = {"progress": []}
-        handle = missions.subscribe_mission_progress(lambda progress, _: seen["progress"].append(progress.current))
-        move_plans(missions, plan_file, seen)
+        results = {"progress": []}
+        handle = missions.subscribe_mission_progress(lambda progress, _: results["progress"].append(progress.current))
+        transfer_plans(missions, plan_file, results)
         missions.unsubscribe_mission_progress(handle)
-        Path(results).write_text(json.dumps(seen, indent=1))
+        Path(result_file).write_text(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A client written with MAVSDK that reads and sets parameters of a boat that does not say that it is ArduPilot.
+"""A client written with MAVSDK: it reads and sets parameters of a boat that is not identified as ArduPilot.
 
 python mavsdk_parameters.py URL RESULTS.json
 """
@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-# First: it ends the process with 77 where MAVSDK cannot be had.
+# First: it ends the process with code 77 if MAVSDK is not usable.
 from mavsdk_system import autopilot
 
 # isort: split
@@ -16,23 +16,23 @@ from mavsdk.plugins.param import Param
 
 
 def main():
-    url, results = sys.argv[1:]
+    url, result_file = sys.argv[1:]
     with autopilot(url) as system:
         param = Param(system)
-        everything = param.get_all_params()
+        parameters = param.get_all_params()
         param.set_param_float("LOOP_RATE_HZ", 12.0)
-        seen = {
-            "ints": len(everything.int_params),
-            "floats": {row.name: row.value for row in everything.float_params},
+        results = {
+            "ints": len(parameters.int_params),
+            "floats": {row.name: row.value for row in parameters.float_params},
             "read_back": param.get_param_float("LOOP_RATE_HZ"),
         }
         try:
             param.set_param_int("LOOP_RATE_HZ", 13)
-            seen["as_int"] = "SUCCESS"
+            results["as_int"] = "SUCCESS"
         except MavsdkError as error:
-            seen["as_int"] = error.result.name
-        seen["after_int"] = param.get_param_float("LOOP_RATE_HZ")
-        Path(results).write_text(json.dumps(seen))
+            results["as_int"] = error.result.name
+        results["after_int"] = param.get_param_float("LOOP_RATE_HZ")
+        Path(result_file).write_text(json.dumps(results))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Reads the data of a flood and does nothing else: `python sink.py UDP_PORT TCP_PORT DESCRIPTOR`.
+"""Receives and discards the data of a flood: `python sink.py UDP_PORT TCP_PORT DESCRIPTOR`.
 
-Prints a line when it is ready, and lasts until it is ended.
+It prints a line when it is ready, and runs until it is ended.
 """
 
 import os
@@ -11,7 +11,7 @@ import sys
 READ_BYTES = 65536
 
 
-def swallow_all(udp_port, tcp_port, descriptor):
+def discard_all(udp_port, tcp_port, descriptor):
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     udp.bind(("127.0.0.1", udp_port))
     tcp = socket.create_server(("127.0.0.1", tcp_port))
@@ -24,17 +24,18 @@ def swallow_all(udp_port, tcp_port, descriptor):
                 clients.append(tcp.accept()[0])
             elif ready == descriptor:
                 os.read(descriptor, READ_BYTES)
-            elif not received(ready):
+            elif not is_open(ready):
                 clients.remove(ready)
                 ready.close()
 
 
-def received(end):
+def is_open(end):
+    """Read from a socket; return whether it is still open."""
     try:
-        return end.recv(READ_BYTES) or end.type is socket.SOCK_DGRAM
+        return bool(end.recv(READ_BYTES)) or end.type is socket.SOCK_DGRAM
     except OSError:
-        return b""
+        return False
 
 
 if __name__ == "__main__":
-    swallow_all(*map(int, sys.argv[1:]))
+    discard_all(*map(int, sys.argv[1:]))

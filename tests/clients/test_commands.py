@@ -1,4 +1,4 @@
-"""Commands and telemetry beyond goals, by a third party: what is asked is done, and shown by the boat itself."""
+"""Commands and telemetry other than heading goals, with pymavlink: accepted commands show in the telemetry."""
 
 import math
 
@@ -21,17 +21,17 @@ STORAGE, HOME = mavlink.MAV_CMD_PREFLIGHT_STORAGE, mavlink.MAV_CMD_DO_SET_HOME
 def test_requested_messages_are_sent(start_hil, connect):
     hil = start_hil("udpout")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
-    place = station.receive("GLOBAL_POSITION_INT")
+    position = station.receive("GLOBAL_POSITION_INT")
     assert station.command(HOME, 1) == ACCEPTED
     home = station.receive("HOME_POSITION")
     origin = station.receive("GPS_GLOBAL_ORIGIN")
     assert (home.latitude, home.longitude) == (origin.latitude, origin.longitude)
-    assert abs(home.latitude - place.lat) < 1000
-    local = station.receive("LOCAL_POSITION_NED", lambda found: found.time_boot_ms > place.time_boot_ms + 1000)
+    assert abs(home.latitude - position.lat) < 1000
+    local = station.receive("LOCAL_POSITION_NED", lambda message: message.time_boot_ms > position.time_boot_ms + 1000)
     assert math.hypot(local.x, local.y) < 20.0
     assert station.command(HOME, 0, 0, 0, 0, 36.001, 121.0, 0) == ACCEPTED
-    local = station.receive("LOCAL_POSITION_NED", lambda found: found.x < -50.0)
-    assert local.x == pytest.approx((place.lat * 1e-7 - 36.001) * 111_195.1, abs=10.0)
+    local = station.receive("LOCAL_POSITION_NED", lambda message: message.x < -50.0)
+    assert local.x == pytest.approx((position.lat * 1e-7 - 36.001) * 111_195.1, abs=10.0)
     frame, reposition = mavlink.MAV_FRAME_GLOBAL_INT, mavlink.MAV_CMD_DO_REPOSITION
     station.mav.command_int_send(1, 1, frame, reposition, 0, 0, -1, 1, 0, math.nan, 360_500_000, 1_210_500_000, 0)
     target = station.receive("POSITION_TARGET_GLOBAL_INT")
@@ -50,25 +50,27 @@ def test_requested_messages_are_sent(start_hil, connect):
     hil.end()
 
 
-def rudder_deg(station, wanted_deg):
-    def is_there(value):
-        return value.name == "RUDDER" and abs(value.value - wanted_deg) < 0.5
+def wait_for_rudder(station, rudder_deg):
+    """Wait until the measured rudder angle is near an angle."""
 
-    station.receive("NAMED_VALUE_FLOAT", is_there)
+    def is_reached(value):
+        return value.name == "RUDDER" and abs(value.value - rudder_deg) < 0.5
+
+    station.receive("NAMED_VALUE_FLOAT", is_reached)
 
 
-def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect):
+def test_bench_rudder_centre_reset_and_restart_need_a_disarmed_boat(start_hil, connect):
     hil = start_hil("udpout")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
-    for refused in ((SERVO, 1, 1800), (CALIBRATE, 0, 0, 0, 2), (STORAGE, 2), (REBOOT, 1)):
-        assert station.command(*refused) == REJECTED  # the boat is armed
+    for command in ((SERVO, 1, 1800), (CALIBRATE, 0, 0, 0, 2), (STORAGE, 2), (REBOOT, 1)):
+        assert station.command(*command) == REJECTED  # the boat is armed
     assert station.command(ARM, 0) == ACCEPTED
-    station.receive("HEARTBEAT", lambda beat: not beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    station.receive("HEARTBEAT", lambda heartbeat: not heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     assert station.command(SERVO, 1, 1700) == ACCEPTED
-    rudder_deg(station, 12.0)
+    wait_for_rudder(station, 12.0)
     assert station.command(CALIBRATE, 0, 0, 0, 2) == ACCEPTED
     assert station.parameter("RUD_CENTRE_DEG") == pytest.approx(12.0, abs=0.5)
-    rudder_deg(station, 0.0)
+    wait_for_rudder(station, 0.0)
     assert station.command(STORAGE, 2) == ACCEPTED
     assert station.parameter("RUD_CENTRE_DEG") == pytest.approx(12.0, abs=0.5)
     before_ms = station.receive("ATTITUDE").time_boot_ms
@@ -80,7 +82,7 @@ def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect
 
 
 @pytest.mark.proof
-def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_say(tmp_path, start_hil, connect):
+def test_forced_restart_in_lockstep_loses_no_time_and_uses_the_boot_parameters(tmp_path, start_hil, connect):
     hil = start_hil("udpout", scenario="tank", speed="15", seconds=9000, nimble=False)
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
     integer = mavlink.MAV_PARAM_TYPE_INT32
@@ -91,17 +93,17 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
     assert station.command(REBOOT, 1, 0, 0, 0, 0, FORCE) == ACCEPTED
     station.receive("STATUSTEXT", lambda message: message.text.startswith("Mode GUIDED"))
     after = station.receive("ATTITUDE")
-    assert before_ms < after.time_boot_ms  # in lockstep the HIL's clock goes on
-    beat = station.receive("HEARTBEAT", lambda beat: beat.custom_mode == GUIDED)
-    assert beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    assert before_ms < after.time_boot_ms  # in lockstep the clock is that of the HIL
+    heartbeat = station.receive("HEARTBEAT", lambda heartbeat: heartbeat.custom_mode == GUIDED)
+    assert heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     hil.end()
     names = {path.name for path in (hil.out / "state" / "logs").iterdir()}
-    logs = {name for name in names if ".BIN" in name and not name.startswith(".")}  # one is being compressed, perhaps
+    logs = {name for name in names if ".BIN" in name and not name.startswith(".")}  # one may be in compression
     assert len(logs) == 2
     assert is_replay_identical(hil.out)
 
 
-def test_shut_down_ends_the_process_with_a_code_of_its_own(boot, free_ports, connect):
+def test_shutdown_ends_the_process_with_its_own_exit_code(boot, free_ports, connect):
     (port,) = free_ports(["tcpin"])
     program = boot("boat", f"tcpin:127.0.0.1:{port}")
     station = connect(f"tcp:127.0.0.1:{port}")

@@ -1,4 +1,4 @@
-"""A quarter of all datagrams lost, duplicated or delayed in both directions: all requests are answered completely."""
+"""Parameters and commands over a link that loses, duplicates or delays a quarter of all datagrams."""
 
 import time
 
@@ -13,7 +13,7 @@ SEEDS = [1, 2, 3, 4, 5]
 
 
 def parameter_list(station):
-    """The list, again while much of it is missing, and then the last rows one by one."""
+    """Return the parameters: request the list while much of it is missing, then the last rows one by one."""
     rows = {}
     while len(rows) < len(TABLE) - 4:
         first = request_reply(station, lambda: station.mav.param_request_list_send(1, 1), "PARAM_VALUE")
@@ -47,9 +47,9 @@ def check_parameters(station):
 
 
 def check_commands(station):
-    """Each is acknowledged, retries too; the final mode is the last requested one."""
+    """Check that each command is acknowledged, also a repeated one, and that the last one determines the mode."""
     for mode in (0, 4, 0, 4, 0, 4):
-        # No double of the one before is to come after this one, nor an acknowledgement, which waits for the disk.
+        # Wait for delayed duplicates of the previous command, and for its acknowledgement, which waits for the disk.
         time.sleep(2.0 * MAX_DELAY_S + 0.3)
         while station.link.recv_match(type="COMMAND_ACK") is not None:
             pass
@@ -63,7 +63,7 @@ def check_commands(station):
             lambda ack: ack.command == mavlink.MAV_CMD_DO_SET_MODE,
         )
         assert ack.result == mavlink.MAV_RESULT_ACCEPTED
-    station.receive("HEARTBEAT", lambda beat: beat.custom_mode == 4)
+    station.receive("HEARTBEAT", lambda heartbeat: heartbeat.custom_mode == 4)
 
 
 def test_parameters_and_commands_over_a_lossy_link(lossy):
@@ -75,7 +75,7 @@ def test_parameters_and_commands_over_a_lossy_link(lossy):
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", SEEDS[1:])
-def test_the_same_over_more_seeds(lossy, seed):
+def test_parameters_and_commands_over_a_lossy_link_with_more_seeds(lossy, seed):
     relay, station = lossy(seed)
     check_parameters(station)
     check_commands(station)

@@ -1,6 +1,6 @@
-"""Missions, files and logs through a link that loses, doubles and delays a quarter: complete and correct.
+"""Missions, files and logs over a link that loses, duplicates or delays a quarter of all datagrams.
 
-The station here is written after the protocols' own pages, apart from the boat's code.
+The station is written from the pages of the protocols, independently of the code of the boat.
 """
 
 import functools
@@ -29,34 +29,34 @@ FTP = struct.Struct("<HBBBBBBI239s")
 # -------------------------------------------------------------------------------- missions
 
 
-def items(count, seed):
-    """Item 0 is home; all others differ."""
-    chances = random.Random(seed)
+def create_items(count, seed):
+    """Return positions and radii of mission items; item 0 is home, all others differ."""
+    rng = random.Random(seed)
     return [
-        (360_000_000 + chances.randrange(9_000_000), 1_210_000_000 + number, chances.randrange(1, 90))
+        (360_000_000 + rng.randrange(9_000_000), 1_210_000_000 + number, rng.randrange(1, 90))
         for number in range(count)
     ]
 
 
-def upload(station, places):
+def upload(station, items):
     """Send the count, then the requested items until the acknowledgement; repeat the last message after a silence."""
 
-    def count():
-        station.mav.mission_count_send(1, 1, len(places), 0)
+    def send_count():
+        station.mav.mission_count_send(1, 1, len(items), 0)
 
-    def give(number):
-        x, y, radius_m = places[number]
+    def send_item(number):
+        x, y, radius_m = items[number]
         station.mav.mission_item_int_send(1, 1, number, 6, 16, 0, 1, 0, radius_m, 0, 0, x, y, 0.0, 0)
 
-    resend = count
-    give_up_s = time.monotonic() + 6.0 * PATIENCE_S
+    resend = send_count
+    deadline_s = time.monotonic() + 6.0 * PATIENCE_S
     resend()
-    while time.monotonic() < give_up_s:
+    while time.monotonic() < deadline_s:
         message = station.link.recv_match(type=["MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=SILENCE_S)
         if message is not None and message.get_type() == "MISSION_ACK":
             return message.type
         if message is not None:
-            resend = functools.partial(give, message.seq)
+            resend = functools.partial(send_item, message.seq)
         resend()
     return pytest.fail("the mission was not acknowledged")
 
@@ -77,65 +77,65 @@ def download(station):
 
 
 def check_mission(station, count, seed):
-    places = items(count, seed)
-    assert upload(station, places) == mavlink.MAV_MISSION_ACCEPTED
-    assert download(station)[1:] == places[1:]
+    items = create_items(count, seed)
+    assert upload(station, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert download(station)[1:] == items[1:]
 
 
 # ----------------------------------------------------------------------------------- files
 
 
 class Files:
-    """A client of file transfer: each request has its own number, and is repeated until it is answered."""
+    """A client of the file transfer protocol: each request has its own number and is repeated until its reply."""
 
     def __init__(self, station):
         self._station = station
         self._number = 0
 
     def request(self, opcode, data=b"", *, session=0, offset=0, size=None):
-        """Ask until it is answered; returns the answer's opcode, session, data."""
+        """Send a request until it has a reply; return opcode, session and data of the reply."""
         self._number = (self._number + 1) % 65536
         length = len(data) if size is None else size
         payload = FTP.pack(self._number, session, opcode, length, 0, 0, 0, offset, data)
 
-        def ask():
+        def send():
             self._station.mav.file_transfer_protocol_send(0, 1, 1, payload)
 
-        def ours(message):
-            number, _, kind, _, of, *_ = FTP.unpack(bytes(message.payload))
-            return number == (self._number + 1) % 65536 and kind in (ACK, NAK) and of == opcode
+        def is_reply(message):
+            number, _, kind, _, request_opcode, *_ = FTP.unpack(bytes(message.payload))
+            return number == (self._number + 1) % 65536 and kind in (ACK, NAK) and request_opcode == opcode
 
-        message = request_reply(self._station, ask, "FILE_TRANSFER_PROTOCOL", ours)
+        message = request_reply(self._station, send, "FILE_TRANSFER_PROTOCOL", is_reply)
         _, session, kind, length, *_, content = FTP.unpack(bytes(message.payload))
         return kind, session, content[:length]
 
     def get(self, path):
-        """Fetch a file: bursts first, and then what is missing, piece by piece."""
+        """Return the content of a file: request a burst, then each missing piece."""
         kind, session, size = self.request(OPEN_READ, path.encode())
         assert kind == ACK, path
         (size,) = struct.unpack("<I", size)
         pieces = self._burst(session, size)
-        got = bytearray(size)
-        at = 0
-        while at < size:
-            piece = pieces.get(at)
+        content = bytearray(size)
+        offset = 0
+        while offset < size:
+            piece = pieces.get(offset)
             if piece is None:
-                kind, _, piece = self.request(READ, session=session, offset=at, size=min(239, size - at))
+                kind, _, piece = self.request(READ, session=session, offset=offset, size=min(239, size - offset))
                 assert kind == ACK
-            got[at : at + len(piece)] = piece
-            at += len(piece)
+            content[offset : offset + len(piece)] = piece
+            offset += len(piece)
         self.request(TERMINATE, session=session)
-        return bytes(got)
+        return bytes(content)
 
     def _burst(self, session, size):
-        """Whatever comes of a burst from the beginning of the file; the pieces by their offsets."""
+        """Return the received pieces of a burst from the beginning of the file, by their offsets."""
         self._number = (self._number + 1) % 65536
         begin = FTP.pack(self._number, session, BURST_READ, 239, 0, 0, 0, 0, b"")
         pieces = {}
 
         def is_piece(message):
-            _, _, kind, length, of, _, _, offset, content = FTP.unpack(bytes(message.payload))
-            if kind == ACK and of == BURST_READ:
+            _, _, kind, length, request_opcode, _, _, offset, content = FTP.unpack(bytes(message.payload))
+            if kind == ACK and request_opcode == BURST_READ:
                 pieces[offset] = content[:length]
                 return True
             return False
@@ -154,23 +154,23 @@ class Files:
         return pieces
 
     def put(self, path, content):
-        """Send a file, piece by piece; return the checksum that the autopilot computes."""
+        """Send a file in pieces; return the checksum that the autopilot computes."""
         kind, session, _ = self.request(CREATE, path.encode())
         assert kind == ACK, path
-        for at in range(0, len(content), 239):
-            kind, *_ = self.request(WRITE, content[at : at + 239], session=session, offset=at)
+        for offset in range(0, len(content), 239):
+            kind, *_ = self.request(WRITE, content[offset : offset + 239], session=session, offset=offset)
             assert kind == ACK
         assert self.request(TERMINATE, session=session)[0] == ACK
-        kind, _, sum_of_it = self.request(CHECKSUM, path.encode())
+        kind, _, checksum = self.request(CHECKSUM, path.encode())
         assert kind == ACK
-        return struct.unpack("<I", sum_of_it)[0]
+        return struct.unpack("<I", checksum)[0]
 
 
 def check_files(station, tmp_path):
     files = Files(station)
     assert files.get("/logs/00000001.BIN") == log_bytes(tmp_path / "state", 1)
     sent = random.Random(11).randbytes(UPLOAD_BYTES)
-    # The CRC32 of the protocol begins at 0 and is not inverted in the end.
+    # The CRC-32 of the protocol has the initial value 0 and is not inverted.
     assert files.put("/uploads/up.bin", sent) == ~zlib.crc32(sent, 0xFFFFFFFF) & 0xFFFFFFFF
     assert (tmp_path / "state" / "uploads" / "up.bin").read_bytes() == sent
     assert files.get("/uploads/up.bin") == sent
@@ -188,26 +188,26 @@ def check_logs(station, tmp_path):
         station,
         lambda: station.mav.log_request_list_send(1, 1, 1, 1),
         "LOG_ENTRY",
-        lambda one: one.id == 1,
+        lambda entry: entry.id == 1,
     )
     assert entry.size == len(log_bytes(tmp_path / "state", 1))
-    found = {}
-    give_up_s = time.monotonic() + 3.0 * PATIENCE_S
-    while (missing := holes(found, entry.size)) and time.monotonic() < give_up_s:
+    data_by_offset = {}
+    deadline_s = time.monotonic() + 3.0 * PATIENCE_S
+    while (missing := missing_ranges(data_by_offset, entry.size)) and time.monotonic() < deadline_s:
         start, end = missing[0]
         station.mav.log_request_data_send(1, 1, 1, start, end - start)
         while (row := station.link.recv_match(type="LOG_DATA", blocking=True, timeout=RETRY_S)) is not None:
             if row.id == 1:
-                found[row.ofs] = bytes(row.data[: row.count])
+                data_by_offset[row.ofs] = bytes(row.data[: row.count])
     station.mav.log_request_end_send(1, 1)
-    assert b"".join(found[at] for at in sorted(found)) == log_bytes(tmp_path / "state", 1)
+    assert b"".join(data for _, data in sorted(data_by_offset.items())) == log_bytes(tmp_path / "state", 1)
 
 
-def holes(found, size):
-    """The stretches of a log that have not come, as [start, end)."""
+def missing_ranges(offsets, size):
+    """Return the ranges of a log that were not received, as [start, end)."""
     rows = []
     for start in range(0, size, LOG_BLOCK):
-        if start in found:
+        if start in offsets:
             continue
         if rows and rows[-1][1] == start:
             rows[-1][1] = start + LOG_BLOCK

@@ -1,6 +1,6 @@
-"""An hour of operation at MAVProxy's console: every line that it writes is one that is known to be true.
+"""An hour of operation with the console of MAVProxy: each line that it writes is listed here as correct.
 
-`pytest -m proof tests/clients/test_mavproxy_hour.py -s`, in real time; `MAVPROXY_S=300` for a try.
+`pytest -m proof tests/clients/test_mavproxy_hour.py -s`, in real time; `MAVPROXY_S=300` for a short run.
 """
 
 import os
@@ -14,12 +14,12 @@ from support.program import unused_ports
 from support.relay import Relay
 
 SECONDS = float(os.environ.get("MAVPROXY_S", "3600"))
-CUT, JOIN = "link cut", "link there again"
+CUT, JOIN = "link cut", "link joined"
 HEAD = "QGC WPL 110"
 
 
 def plan(*rows):
-    """A file of items: command, north and east of the start in thousandths of a degree, and the first parameter."""
+    """Return a plan file of rows: command, north and east of the start in 0.001 degrees, first parameter."""
     items = [
         f"{n}\t0\t3\t{command}\t{first}\t0\t0\t0\t{START_LATITUDE_DEG + north / 1e3:.7f}"
         f"\t{START_LONGITUDE_DEG + east / 1e3:.7f}\t0\t1"
@@ -56,8 +56,8 @@ MODES = [
 ARMING = ["ARMED", "DISARMED", "ARMED", "DISARMED", "ARMED"]
 REAL, WHEN = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?", r"\w{3} \w{3} [ \d]\d \d\d:\d\d:\d\d \d{4}"
 PLAN = "(?:waypoints|fence items|rally items)"
-KNOWN = (
-    # MAVProxy's own, of itself
+KNOWN_LINES = (
+    # of MAVProxy about itself
     r"", r"Connect udpin:127\.0\.0\.1:\d+ source_system=255", r"Log Directory: \S+", r"Telemetry log: \S+",
     r"Waiting for heartbeat from 127\.0\.0\.1:\d+", r"Unloading module \w+", r"Requested parameter list \(ftp\)",
     rf"Requesting \d+ {PLAN} t={WHEN} now={WHEN}", r"Requesting log list", r"Downloading log 0 as first\.bin",
@@ -85,7 +85,7 @@ KNOWN = (
     r"Listing /", r" D (?:@MISSION|@PARAM|logs|metadata|uploads)", r"   parameters\.param\t\d+\t-", r"Total size .*",
     rf"Log [01]  numLogs [12] lastLog [01] size \d+ {WHEN}",
     r"Finished downloading first\.bin \(\d+ bytes .* retries\)",
-    # metres to the waypoint; and after the restart, which can take seconds on a busy machine
+    # metres to the waypoint; after the restart, which takes seconds on a busy machine
     r"\d{1,2}00", r"Time has wrapped(?: \d+ \d+)?", r"GPS (?:fix lost|OK)",
     # texts of the boat
     r"AP: CTL_K2: 1e\+30 is out of range; allowed: 0 to 50", r"AP: ARMING_CHECK is read-only", r"AP: Mode [A-Z]+",
@@ -106,14 +106,14 @@ KNOWN = (
 
 
 def lines_of(text):
-    """All lines of a console without the prompt before them."""
+    """Return the lines of a console without the prompts."""
     prompt = re.compile(r"^(?:[A-Z]+> ?)+")
     return [prompt.sub("", line).rstrip() for line in text.splitlines()]
 
 
 @pytest.mark.proof
 @pytest.mark.timeout(2 * 3600 + 300)
-def test_no_line_of_an_hour_misleads(tmp_path, start_hil, mavproxy):
+def test_mavproxy_writes_only_known_lines_in_an_hour(tmp_path, start_hil, mavproxy):
     hil = start_hil("udpout", scenario="sea", nimble=False, seconds=int(SECONDS) + 600)
     (port,) = unused_ports(["udpin"])
     with Relay(port, 1, share=0.0, port=hil.ports[0]) as relay:
@@ -129,11 +129,11 @@ def test_no_line_of_an_hour_misleads(tmp_path, start_hil, mavproxy):
         client.hang_up()
         client.exit_code()
     hil.end()
-    every = lines_of(client.text())
-    lines = list(dict.fromkeys(every))
+    all_lines = lines_of(client.text())
+    lines = list(dict.fromkeys(all_lines))
     print("\n".join(lines))
-    print(f"{len(every)} lines, {len(lines)} different ones")
-    assert [line[5:] for line in every if line.startswith("Mode ")] == MODES
-    assert [line for line in every if line in ("ARMED", "DISARMED")] == ARMING
-    misleading = [line for line in lines if not any(re.fullmatch(known, line) for known in KNOWN)]
-    assert misleading == []
+    print(f"{len(all_lines)} lines, {len(lines)} different ones")
+    assert [line[5:] for line in all_lines if line.startswith("Mode ")] == MODES
+    assert [line for line in all_lines if line in ("ARMED", "DISARMED")] == ARMING
+    unknown = [line for line in lines if not any(re.fullmatch(known, line) for known in KNOWN_LINES)]
+    assert unknown == []

@@ -1,4 +1,4 @@
-"""A companion computer on one link and a station on another: they hear and command each other through the boat."""
+"""A companion computer on one link and a station on another: the autopilot forwards messages between them."""
 
 COMPANION = 191
 
@@ -10,11 +10,11 @@ def test_a_station_commands_the_companion_behind_the_boat(boot, free_ports, conn
     companion.mav.srcComponent = COMPANION
     station = connect(f"udpin:127.0.0.1:{ports[0]}", source_system=255)
     companion.show_presence()
-    station.receive("HEARTBEAT", lambda beat: beat.get_srcComponent() == COMPANION)
-    companion.receive("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255)
+    station.receive("HEARTBEAT", lambda heartbeat: heartbeat.get_srcComponent() == COMPANION)
+    companion.receive("HEARTBEAT", lambda heartbeat: heartbeat.get_srcSystem() == 255)
     station.mav.command_long_send(1, COMPANION, 2000, 0, *[0.0] * 7)
-    order = companion.receive("COMMAND_LONG", lambda command: command.command == 2000)
-    assert (order.get_srcSystem(), order.target_component) == (255, COMPANION)
-    companion.mav.command_ack_send(2000, 0, 0, 0, 255, order.get_srcComponent())
-    ack = station.receive("COMMAND_ACK", lambda answer: answer.command == 2000)
+    command = companion.receive("COMMAND_LONG", lambda message: message.command == 2000)
+    assert (command.get_srcSystem(), command.target_component) == (255, COMPANION)
+    companion.mav.command_ack_send(2000, 0, 0, 0, 255, command.get_srcComponent())
+    ack = station.receive("COMMAND_ACK", lambda ack: ack.command == 2000)
     assert (ack.get_srcComponent(), ack.result) == (COMPANION, 0)

@@ -1,4 +1,4 @@
-"""The script of the sea trial, started with the command of its page."""
+"""The script of the sea trial, started with the command on its page."""
 
 import math
 import sys

@@ -1,6 +1,7 @@
-"""UAVLogViewer's own parser and extractor, by node, on the log of a mission that was sailed inside a fence.
+"""Parser and extractor of UAVLogViewer, run by node, with the log of a mission inside a fence.
 
-UAVLOGVIEWER names a checkout of ArduPilot/UAVLogViewer with its submodule; without it, or node, that is skipped.
+UAVLOGVIEWER is the path of a checkout of ArduPilot/UAVLogViewer with its submodule; without it or node, the test is
+skipped.
 """
 
 import json
@@ -20,11 +21,11 @@ from support.plans import FENCE_ITEMS, item, save_plans
 
 TOOLS = Path(os.environ.get("UAVLOGVIEWER", "UAVLogViewer")) / "src/tools"
 PARTS = ("paramseeker.js", "datetools.js", "parsers/JsDataflashParser/parser.js", "dataflashDataExtractor.js")
-LACKING = [] if shutil.which("node") else ["node"]
-LACKING += [str(TOOLS / part) for part in PARTS if not (TOOLS / part).exists()]
+MISSING = [] if shutil.which("node") else ["node"]
+MISSING += [str(TOOLS / part) for part in PARTS if not (TOOLS / part).exists()]
 pytestmark = pytest.mark.proof
 
-# What its pages do when a file is dropped on them (parser.worker.js and Home.vue), without the pages.
+# The steps of its pages for a dropped file (parser.worker.js and Home.vue), without the pages.
 BEFORE = """
 const self = { addEventListener () {} }, window = {}, Vue = { prototype: {} }, say = console.log
 console.log = () => {}
@@ -50,45 +51,45 @@ MISSION = [item(16, 30, 0), item(178, None, None, 0, 0.5), item(16, 30, 80), ite
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("sailed")
-    memory = save_plans(directory / "memory", {PlanKind.MISSION: MISSION, PlanKind.FENCE: FENCE_ITEMS})
-    words = ["run", "mission", "--mode", "auto", "--state", memory, "--speed", "max", "--seconds", "200"]
-    words += ["--with", "supply=20:0.9:30:6:0.22", "--set", "FENCE_ENABLE=1", "LOIT_RADIUS=20"]
-    assert rambler_hil(*words, "--out", directory / "out")[0] == 0
+    directory = tmp_path_factory.mktemp("run")
+    state = save_plans(directory / "state", {PlanKind.MISSION: MISSION, PlanKind.FENCE: FENCE_ITEMS})
+    arguments = ["run", "mission", "--mode", "auto", "--state", state, "--speed", "max", "--seconds", "200"]
+    arguments += ["--with", "supply=20:0.9:30:6:0.22", "--set", "FENCE_ENABLE=1", "LOIT_RADIUS=20"]
+    assert rambler_hil(*arguments, "--out", directory / "out")[0] == 0
     return directory / "out/state/logs/00000001.BIN"
 
 
-@pytest.mark.skipif(bool(LACKING), reason=f"not here: {', '.join(LACKING)}")
-def test_it_finds_attitude_track_mission_fence_modes_and_arming(log):
+@pytest.mark.skipif(bool(MISSING), reason=f"missing: {', '.join(MISSING)}")
+def test_uavlogviewer_reads_attitude_track_mission_fence_modes_and_arming(log):
     parts = [
         re.sub(r"^(import .*|export( default)?)", "", (TOOLS / part).read_text(), flags=re.MULTILINE) for part in PARTS
     ]
     script = "\n".join([BEFORE, *parts, AFTER])
-    done = subprocess.run(["node", "--eval", script, str(log)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert [mode for _, mode in found["modes"]] == ["HOLD", "AUTO"]
-    assert [event for _, event in found["events"]] == ["DISARMED", "FENCE_ENABLE", "ARMED", "SET_HOME"]
-    assert [one[4] for one in found["mission"]] == [16, 16]
-    assert found["mission"][0][:2] == pytest.approx([121.0, 36.00027], abs=1e-5)
-    assert found["fences"] == [[4, False, 0], [3, True, 0], [1, True, 30]]
-    assert found["vehicle"] == "boat"
-    assert found["parameters"]["LOIT_RADIUS"] == 20
-    assert found["start"].startswith("2026-01-01T00:00")
-    assert "Armed" in found["texts"]
-    assert len(found["attitudes"]) == 2
-    assert all(None not in angles for source in found["attitudes"] for angles in source)  # NaN in JSON
-    assert [name for name, _ in found["tracks"]] == ["POS", "AHR2", "GPS[0]"]
-    for _, track in found["tracks"]:
+    process = subprocess.run(["node", "--eval", script, str(log)], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    extracted = json.loads(process.stdout)
+    assert [mode for _, mode in extracted["modes"]] == ["HOLD", "AUTO"]
+    assert [event for _, event in extracted["events"]] == ["DISARMED", "FENCE_ENABLE", "ARMED", "SET_HOME"]
+    assert [item[4] for item in extracted["mission"]] == [16, 16]
+    assert extracted["mission"][0][:2] == pytest.approx([121.0, 36.00027], abs=1e-5)
+    assert extracted["fences"] == [[4, False, 0], [3, True, 0], [1, True, 30]]
+    assert extracted["vehicle"] == "boat"
+    assert extracted["parameters"]["LOIT_RADIUS"] == 20
+    assert extracted["start"].startswith("2026-01-01T00:00")
+    assert "Armed" in extracted["texts"]
+    assert len(extracted["attitudes"]) == 2
+    assert all(None not in angles for source in extracted["attitudes"] for angles in source)  # NaN in JSON
+    assert [name for name, _ in extracted["tracks"]] == ["POS", "AHR2", "GPS[0]"]
+    for _, track in extracted["tracks"]:
         assert len(track) > 15
         assert track[-1][:2] == pytest.approx([121.0, 36.0], abs=1e-3)
 
 
-def test_mavexplorer_draws_sixty_of_its_graphs(log):
+def test_mavexplorer_draws_at_least_60_of_its_graphs(log):
     reader = mavutil.mavlink_connection(str(log))
     while reader.recv_match() is not None:
         pass
-    graphs, of = count_graphs(dict(reader.messages))
+    graphs, total = count_graphs(dict(reader.messages))
     reader.close()
-    print(f"MAVExplorer draws {graphs} of its {of} expressions")
+    print(f"MAVExplorer draws {graphs} of its {total} expressions")
     assert graphs >= 60
