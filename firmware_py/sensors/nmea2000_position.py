@@ -59,7 +59,7 @@ class Nmea2000Position:
         self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
         self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
         self._source: int | None = None
-        self._gnss_s = -math.inf  # time of the last PGN 129029
+        self._gnss_s = 0.0  # time of the last PGN 129029, or of the choice of the device
         self._course: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, course, speed
         self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
         self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
@@ -73,6 +73,7 @@ class Nmea2000Position:
         if self._monitor.notice_reopening():
             self._reader.restart()
             self._forget()
+            self._source = None
         for message in self._reader.read(now_s):
             try:
                 self._handle_message(message, now_s)
@@ -92,7 +93,6 @@ class Nmea2000Position:
 
     def _forget(self) -> None:
         """Discard the values of the previous device."""
-        self._gnss_s = -math.inf
         self._course = (-math.inf, None, None)
         self._utc = self._last_utc = None
 
@@ -108,6 +108,7 @@ class Nmea2000Position:
         if source != self._source:
             self._source = source
             self._forget()
+            self._gnss_s = now_s  # PGN 129029 may follow
         self._monitor.accept(now_s)
         self._reader.note_used(now_s)
         if pgn == GNSS_POSITION:

@@ -23,8 +23,8 @@ class Nmea2000Emulator:
     """A gateway that forwards the messages of a bus; after power-up only those of the engine, until it is started.
 
     The compass sends magnetic headings (PGN 127250) and the rate of turn (127251) at `rate_hz`, and its attitude
-    (127257) once a second. `second` adds a compass at another address, `whereabouts` a receiver. A request of another
-    device makes all devices claim their addresses every ten seconds. `bus_commands` counts messages for the bus, which
+    (127257) once a second. More devices can be added. A request of another device makes all devices claim their
+    addresses every ten seconds. `bus_commands` counts messages for the bus, which
     the autopilot must not send.
     """
 
@@ -39,8 +39,6 @@ class Nmea2000Emulator:
         declination_deg: float = 0.0,
         phase_s: float = 0.0,
         frequency_error_ppm: float = 0.0,
-        second: Attitude | None = None,
-        whereabouts: Whereabouts | None = None,
         baud: int = 115_200,
     ) -> None:
         """Start all devices at phase_s; raise ValueError for an invalid rate."""
@@ -56,19 +54,28 @@ class Nmea2000Emulator:
         self._input = b""
         self._on_s = 0.0
         self._tasks: list[tuple[Pace, Callable[[float], None]]] = []
+        self._phase_s, self._frequency_error_ppm = phase_s, frequency_error_ppm
+        self._rate_hz = rate_hz
+        self._add_compass(COMPASS, attitude, 0.0)
+        self._repeat(ENGINE_PERIOD_S, 0.05, self._send_engine)
+        self._repeat(CLAIM_PERIOD_S, 0.5, self._send_claims)
 
-        def every(period_s: float, offset_s: float, send: Callable[[float], None]) -> None:
-            self._tasks.append((Pace(period_s, start_s=phase_s + offset_s, error_ppm=frequency_error_ppm), send))
+    def add_second_compass(self, attitude: Attitude) -> None:
+        """Add a compass at another address."""
+        self._add_compass(SECOND_COMPASS, attitude, 0.4 / self._rate_hz)
 
-        compasses = [(COMPASS, attitude, 0.0)] + ([(SECOND_COMPASS, second, 0.4)] if second is not None else [])
-        for device, sensor, part in compasses:
-            every(1.0 / rate_hz, part / rate_hz, partial(self._send_heading, device, sensor))
-            every(ATTITUDE_PERIOD_S, 0.0, partial(self._send_attitude, device))
-        if whereabouts is not None:
-            every(GNSS_PERIOD_S, 0.1, partial(self._send_position, whereabouts))
-            every(COURSE_PERIOD_S, 0.02, partial(self._send_course, whereabouts))
-        every(ENGINE_PERIOD_S, 0.05, self._send_engine)
-        every(CLAIM_PERIOD_S, 0.5, self._send_claims)
+    def add_receiver(self, whereabouts: Whereabouts) -> None:
+        """Add a GNSS receiver."""
+        self._repeat(GNSS_PERIOD_S, 0.1, partial(self._send_position, whereabouts))
+        self._repeat(COURSE_PERIOD_S, 0.02, partial(self._send_course, whereabouts))
+
+    def _add_compass(self, device: int, attitude: Attitude, offset_s: float) -> None:
+        self._repeat(1.0 / self._rate_hz, offset_s, partial(self._send_heading, device, attitude))
+        self._repeat(ATTITUDE_PERIOD_S, 0.0, partial(self._send_attitude, device))
+
+    def _repeat(self, period_s: float, offset_s: float, send: Callable[[float], None]) -> None:
+        pace = Pace(period_s, start_s=self._phase_s + offset_s, error_ppm=self._frequency_error_ppm)
+        self._tasks.append((pace, send))
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Process commands of the autopilot: the start command, and messages for the bus, which are counted."""

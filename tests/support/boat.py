@@ -20,6 +20,7 @@ from hil.devices.feetech import FeetechEmulator
 from hil.devices.impairment import Impaired
 from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
+from hil.devices.nmea2000 import Nmea2000Emulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
@@ -52,6 +53,7 @@ COMPASSES = {
     "rion": ("rion", RionEmulator),
     "witmotion": ("witmotion", WitmotionEmulator),
     "mavlink": ("mavlink", MavlinkBoardEmulator),
+    "nmea2000": ("nmea2000", Nmea2000Emulator),
 }
 SECOND_COMPASSES = {"nmea": NmeaCompassEmulator, "bno08x_rvc": Bno08xRvcEmulator}
 GUIDED = 15

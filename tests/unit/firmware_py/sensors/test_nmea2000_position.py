@@ -95,13 +95,15 @@ def test_course_and_speed_are_used_while_they_are_recent(deliver, receiver):
 
 
 def test_rapid_positions_are_used_only_without_gnss_data(deliver, receiver):
-    (fix,) = deliver(receiver, rapid(), now_s=1.0)
+    assert deliver(receiver, rapid(), now_s=1.0) == ()
+    assert deliver(receiver, rapid(), now_s=4.0) == ()  # PGN 129029 may follow
+    (fix,) = deliver(receiver, rapid(), now_s=4.1)
     assert (fix.fix, fix.altitude_m, fix.utc_s) == (FixType.FIX_2D, None, None)
     assert math.degrees(fix.latitude_rad) == pytest.approx(50.25)
-    assert len(deliver(receiver, gnss(), rapid(), now_s=2.0)) == 1
-    assert deliver(receiver, rapid(), now_s=5.0) == ()
-    assert len(deliver(receiver, rapid(), now_s=5.1)) == 1
-    (fix,) = deliver(receiver, rapid((None, None)), now_s=5.2)
+    assert len(deliver(receiver, gnss(), rapid(), now_s=5.0)) == 1
+    assert deliver(receiver, rapid(), now_s=8.0) == ()
+    assert len(deliver(receiver, rapid(), now_s=8.1)) == 1
+    (fix,) = deliver(receiver, rapid((None, None)), now_s=8.2)
     assert fix.fix is FixType.NONE
 
 
@@ -112,14 +114,14 @@ def test_rapid_positions_do_not_hide_that_there_is_no_fix(deliver, receiver):
 
 def test_time_of_the_system_message_is_used_while_it_is_recent(deliver, receiver):
     deliver(receiver, rapid(), now_s=0.5)
-    deliver(receiver, time(UTC_S), now_s=1.0)
-    (fix,) = deliver(receiver, rapid(), now_s=3.5)
+    deliver(receiver, time(UTC_S), now_s=4.0)
+    (fix,) = deliver(receiver, rapid(), now_s=6.5)
     assert fix.utc_s == pytest.approx(UTC_S + 2.5, abs=1e-3)
-    assert deliver(receiver, rapid(), now_s=3.6)[0].utc_s is None
-    (fix,) = deliver(receiver, time(UTC_S + 9.0), gnss(utc_s=UTC_S + 8.0), now_s=4.0)
+    assert deliver(receiver, rapid(), now_s=6.6)[0].utc_s is None
+    (fix,) = deliver(receiver, time(UTC_S + 9.0), gnss(utc_s=UTC_S + 8.0), now_s=7.0)
     assert fix.utc_s == pytest.approx(UTC_S + 8.0, abs=1e-3)
-    deliver(receiver, time(None), now_s=4.1)
-    assert deliver(receiver, gnss(utc_s=None), now_s=4.2)[0].utc_s is None
+    deliver(receiver, time(None), now_s=7.1)
+    assert deliver(receiver, gnss(utc_s=None), now_s=7.2)[0].utc_s is None
 
 
 def test_hanging_receiver_has_no_fix(deliver, receiver):
@@ -142,5 +144,7 @@ def test_second_receiver_is_not_mixed_and_takes_over_after_silence(deliver, rece
 def test_reopened_line_forgets_the_receiver(line, deliver, receiver):
     deliver(receiver, gnss(), course(1.0, 1.0), now_s=1.0)
     line.openings += 1
-    (fix,) = deliver(receiver, rapid(source=0x15), now_s=1.1)
+    assert deliver(receiver, rapid(), now_s=1.1) == ()
+    assert deliver(receiver, rapid(), now_s=4.1) == ()
+    (fix,) = deliver(receiver, rapid(), now_s=4.2)
     assert (fix.fix, fix.speed_over_ground_m_s) == (FixType.FIX_2D, None)

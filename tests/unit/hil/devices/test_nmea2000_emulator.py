@@ -103,7 +103,9 @@ def test_messages_for_the_bus_are_counted():
 
 
 def test_devices_of_the_bus():
-    device = emulator(second=Boat(200.0), whereabouts=Boat(), declination_deg=10.0)
+    device = emulator(declination_deg=10.0)
+    device.add_second_compass(Boat(200.0))
+    device.add_receiver(Boat())
     device.receive(0.0, START_COMMAND)
     received = messages(device, 10.6)
     rates = {key: sum(1 for pgn, source, _ in received if (pgn, source) == key) for key in (

@@ -1,0 +1,115 @@
+"""An NMEA 2000 bus behind an Actisense gateway, with the real program: cable, power, baud rate, two heading sources."""
+
+import math
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.log.reader import read_log
+from hil.devices.nmea2000 import COMPASS, SECOND_COMPASS
+from hil.devices.sensor_errors import AttitudeWithError
+
+SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
+
+
+def add_section(boat, section, **keys):
+    """Add a section with the port of the compass to the vehicle file, or keys to a section that it has."""
+    text = boat._vehicle.read_text()
+    values = "".join(f"{key} = {value!r}\n" for key, value in keys.items())
+    if f"[{section}]" in text:
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{values}")
+    else:
+        port = f'driver = "nmea2000"\nport = "{boat.board.paths()["compass"]}"\nbaud = 38400\n'
+        text = text.replace("[parameters]", f"[{section}]\n{port}{values}[parameters]")
+    boat._vehicle.write_text(text.replace("'", '"'))
+
+
+def inputs_of(boat):
+    return [tick.inputs for path in boat.finish() for tick in read_log(path)]
+
+
+@pytest.fixture
+def moored_boat(make_boat):
+    """A boat in real time without a ground station; its goal is its heading."""
+    boat = make_boat(scenario="calm", compass="nmea2000", speed=None, settings=SETTINGS, without=("position", "link"))
+    yield boat
+    assert boat.compass_device.bus_commands == 0
+    logs = boat.logs()
+    assert logs
+    assert all(main(["replay", str(log)]) == 0 for log in logs)
+
+
+def responds_to_heading(boat):
+    """Return whether the rudder moves after a turn of the boat."""
+    boat.world._hull._plant.heading_rad += math.radians(30.0)
+    initial_rad = boat.world.shaft.angle_rad()
+    boat.run(1.5)
+    return abs(boat.world.shaft.angle_rad() - initial_rad) > math.radians(5.0)
+
+
+def test_cable_power_and_baud_rate_of_the_gateway(moored_boat):
+    boat = moored_boat.start()
+    boat.run_until_written("Mode GUIDED")
+    boat.run(1.5)
+    boat.lines["compass"].unplug()
+    boat.run_until_written("No valid heading: rudder held, then centred")
+    boat.lines["compass"].plug()
+    boat.run_until_written("Heading recovered")
+    boat.compass_device.power_cycle(boat.now_s, off_s=3.0)  # it must be started again
+    boat.run_until_written("No valid heading: rudder held, then centred")
+    boat.run_until_written("Heading recovered")
+    boat.compass.flip = 0.5  # as with a wrong baud rate
+    boat.run_until_written("No valid heading: rudder held, then centred")
+    boat.compass.flip = 0.0
+    boat.run_until_written("Heading recovered")
+    assert responds_to_heading(boat)
+    boat.finish()
+
+
+def test_noisy_line_loses_samples_only(moored_boat):
+    boat = moored_boat.start()
+    boat.run_until_written("Mode GUIDED")
+    boat.compass.flip, boat.compass.garbage, boat.compass.drop, boat.compass.duplicate = 0.002, 0.2, 0.001, 0.001
+    boat.run(6.0)
+    headings_deg = [math.degrees(sample.heading_rad) for inputs in inputs_of(boat) for sample in inputs.headings]
+    assert len(headings_deg) > 30
+    assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
+
+
+@pytest.mark.parametrize("source", [None, SECOND_COMPASS])
+def test_two_heading_sources_are_not_mixed(make_boat, source):
+    """The second one is wrong by 60 degrees; it comes later and is used only if it is named."""
+    boat = make_boat(scenario="tank", compass="nmea2000", without=("position",))
+    other = AttitudeWithError(boat.world)
+    other.error_rad = math.radians(60.0)
+    boat.compass_device.add_second_compass(other)
+    if source is not None:
+        add_section(boat, "compass", source=source)
+    boat.start()
+    boat.run(10.0)
+    headings = [sample for inputs in inputs_of(boat) for sample in inputs.headings]
+    expected_deg = 0.0 if source is None else 60.0
+    assert len(headings) > 80
+    for sample in headings:
+        assert abs(math.degrees(math.remainder(sample.heading_rad, math.tau)) - expected_deg) < 25.0
+    assert {sample.source for sample in headings} == {0}
+
+
+def test_two_compasses_position_and_ais_share_the_bus(make_boat):
+    boat = make_boat(scenario="tank", compass="nmea2000", without=("position",))
+    boat.compass_device.add_second_compass(AttitudeWithError(boat.world))
+    boat.compass_device.add_receiver(boat.whereabouts)
+    add_section(boat, "compass", source=COMPASS)
+    add_section(boat, "compass_b", source=SECOND_COMPASS)
+    add_section(boat, "position")
+    boat.start()
+    boat.run(12.0)
+    inputs = inputs_of(boat)
+    counts = [sum(sample.source == source for row in inputs for sample in row.headings) for source in (0, 1)]
+    assert min(counts) > 90
+    fixes = [fix for row in inputs for fix in row.positions]
+    assert len(fixes) > 8
+    assert all(fix.utc_s is not None and fix.speed_over_ground_m_s is not None for fix in fixes[2:])
+    latitude_deg = math.degrees(fixes[-1].latitude_rad)
+    assert latitude_deg == pytest.approx(boat.whereabouts.latitude_deg(), abs=1e-3)
+    assert boat.compass_device.bus_commands == 0
