@@ -7,8 +7,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link import routing
+from firmware_py.link.peers import Peer
 from firmware_py.link.wire.frames import Frame
+from firmware_py.link.wire.outbox import UnsignedSealer
 from firmware_py.link.wire.urls import LinkClass, LinkOptions, Policy
+from support.link import MemoryTransport
 
 DUPLICATE_S = 3.0
 MAX_BURST = 100
@@ -186,3 +189,19 @@ def test_no_frame_returns_to_its_sender_or_is_forwarded_twice(net, voices):
         assert address not in passed
         assert all(frames == [frame] for frames in passed.values())
         assert voice.send(frame) == {}
+
+
+@pytest.mark.parametrize(
+    ("link_class", "route", "is_routed"),
+    [
+        (LinkClass.FAST, None, True),
+        (LinkClass.FAST, False, False),
+        (LinkClass.RADIO, None, False),
+        (LinkClass.RADIO, True, True),
+        (LinkClass.SATELLITE, None, False),
+        (LinkClass.MESSAGES, True, False),
+    ],
+)
+def test_fast_links_are_routed_unless_an_option_decides(link_class, route, is_routed):
+    transport = MemoryTransport(options=LinkOptions(link_class=link_class, route=route))
+    assert Peer(transport, "station", UnsignedSealer(), 0.0).is_routed is is_routed
