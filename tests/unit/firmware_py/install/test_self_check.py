@@ -67,7 +67,7 @@ def test_findings_about_state_and_parameters_are_reported(candidate, programs, f
 def test_state_that_the_new_version_cannot_use_prevents_the_update(candidate, programs):
     findings = [finding("state", "warn", "old"), finding("state", "fail", "broken")]
     programs.results.append((1, json.dumps({"findings": findings}), ""))
-    with pytest.raises(UpdateError, match="cannot .*: broken"):
+    with pytest.raises(UpdateError, match=r"cannot .*: broken"):
         CHECKS["state"](candidate)
     for output in ("", "[]", "{}", '{"findings": [1]}'):
         programs.results.append((1, output, "first\nlast line"))
