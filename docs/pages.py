@@ -39,7 +39,7 @@ sys.path.insert(0, str(ROOT))
 
 from firmware_py.common.options import OptionMeaning, meanings  # noqa: E402 - found by the path above
 from firmware_py.devices import SECTIONS  # noqa: E402
-from firmware_py.sensors import nmea_compass, nmea_position  # noqa: E402
+from firmware_py.sensors import nmea_compass, nmea_depth, nmea_position, nmea_wind  # noqa: E402
 from firmware_py.sensors.nmea_sentences import IGNORED  # noqa: E402
 from firmware_py.sensors.nmea_sentences import TABLE as SENTENCES  # noqa: E402
 from firmware_py.sensors.nmea_transducers import QUANTITIES, UNITS  # noqa: E402
@@ -149,6 +149,8 @@ def sentence_table() -> str:
     users = {
         "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.ADDITIONAL_SENTENCES},
         "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.OTHER_SENTENCES},
+        "`[wind]`": nmea_wind.WIND_SENTENCES,
+        "`[depth]`": nmea_depth.DEPTH_SENTENCES,
         "`rambler-hil identify`": nmea_capture.USED_SENTENCES,
     }
     rows = []

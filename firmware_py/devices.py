@@ -12,9 +12,17 @@ from functools import partial
 from typing import Any, Final, TypeVar
 
 from firmware_py.common.driver import INTERFACE, CaptureFormat, Driver
-from firmware_py.common.interfaces import Calibrator, Compass, Position, Power, Rudder, Vessels
+from firmware_py.common.interfaces import Calibrator, Compass, Depth, Position, Power, Rudder, Vessels, Wind
 from firmware_py.common.options import record_from
-from firmware_py.common.records import DeviceRole, HeadingSample, PositionSample, PowerSample, RudderFeedback
+from firmware_py.common.records import (
+    DepthSample,
+    DeviceRole,
+    HeadingSample,
+    PositionSample,
+    PowerSample,
+    RudderFeedback,
+    WindSample,
+)
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
 from firmware_py.guarded_device import GuardedDevice
 from firmware_py.registry import PackageError, Registry
@@ -115,6 +123,12 @@ AIS: DriverRegistry[Vessels] = DriverRegistry(
     (VesselPosition, VesselIdentity),
     {"nmea": "firmware_py.sensors.ais:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_ais:DRIVER"},
 )
+WINDS: DriverRegistry[Wind] = DriverRegistry(
+    "wind", DeviceRole.WIND, (WindSample,), {"nmea": "firmware_py.sensors.nmea_wind:DRIVER"}
+)
+DEPTHS: DriverRegistry[Depth] = DriverRegistry(
+    "depth", DeviceRole.DEPTH, (DepthSample,), {"nmea": "firmware_py.sensors.nmea_depth:DRIVER"}
+)
 
 # Drivers of each section of a vehicle file.
 SECTIONS: Mapping[str, DriverRegistry[Any]] = {
@@ -125,6 +139,8 @@ SECTIONS: Mapping[str, DriverRegistry[Any]] = {
     "power": POWERS,
     "power_b": POWERS,
     "ais": AIS,
+    "wind": WINDS,
+    "depth": DEPTHS,
 }
 
 # Drivers by capture formats of `rambler decode`: registry and name.

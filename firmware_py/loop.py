@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from firmware_py.common.interfaces import (
     Clock,
     Compass,
+    Depth,
     Device,
     Link,
     Position,
@@ -21,6 +22,7 @@ from firmware_py.common.interfaces import (
     Rudder,
     RudderAngle,
     Vessels,
+    Wind,
 )
 from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Severity, Tick
 from firmware_py.common.reports import Output
@@ -84,6 +86,8 @@ class LoopParts:
     power: tuple[Power, ...] = ()
     vessels: Vessels | None = None  # read after the rudder command is sent
     rudder_angle: RudderAngle | None = None
+    wind: Wind | None = None  # likewise, before the vessels, with which they may share a line
+    depth: Depth | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
     after_tick: Callable[[Output, float], None] = lambda _output, _now_s: None  # status reports; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
@@ -94,6 +98,7 @@ class LoopParts:
     watchdog_due_s: float = -math.inf
     prompt_devices: tuple[Device, ...] = field(init=False)  # read as bytes arrive, for exact time stamps
     devices: tuple[Device, ...] = field(init=False)  # read at least once a tick
+    late_devices: tuple[Device, ...] = field(init=False)  # read after the rudder command is sent
     all_devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -104,7 +109,8 @@ class LoopParts:
         self.devices = (*(device for device in sensors if device is not None), self.rudder, *self.power)
         if self.rudder_angle is not None:
             self.devices = (*self.devices, self.rudder_angle)
-        self.all_devices = self.devices if self.vessels is None else (*self.devices, self.vessels)
+        self.late_devices = tuple(device for device in (self.wind, self.depth, self.vessels) if device is not None)
+        self.all_devices = (*self.devices, *self.late_devices)
 
 
 def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
@@ -165,6 +171,8 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
         tuple(sample for device in parts.power for sample in device.poll()),
         tuple(parts.vessels.poll()) if parts.vessels is not None else (),
         tuple(parts.rudder_angle.poll()) if parts.rudder_angle is not None else (),
+        tuple(parts.wind.poll()) if parts.wind is not None else (),
+        tuple(parts.depth.poll()) if parts.depth is not None else (),
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
@@ -180,8 +188,8 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     if parts.autopilot.compass_swing.is_running:
         parts.notices += parts.autopilot.compass_swing.take(inputs, parts.autopilot.state.parameters)
     parts.fault_barrier.call(now_s, partial(parts.link.publish, output, now_s))
-    if parts.vessels is not None:
-        parts.vessels.receive(now_s)
+    for device in parts.late_devices:
+        device.receive(now_s)
     for event in output.events:
         parts.print_event(event)
     for line in () if last else parts.lines:
@@ -221,7 +229,7 @@ def _progress(parts: LoopParts) -> list[Progress]:
     devices = devices_progress(
         parts.samples,
         sum(line.written for line in lines),
-        [device.fileno() >= 0 for device in parts.devices],  # AIS is excluded because it may be silent
+        [device.fileno() >= 0 for device in parts.devices],  # those read late may be silent
         rudder_connected=parts.rudder.fileno() >= 0,
     )
     workers = [parts.store.progress(), *parts.link.progress()]

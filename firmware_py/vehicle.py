@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A checked vehicle file; compasses, position, power and AIS may share a port."""
+    """A checked vehicle file; compasses, position, power, AIS, wind and depth may share a port."""
 
     name: str
     compass: DeviceEntry
@@ -77,13 +77,15 @@ class Vehicle(msgspec.Struct, frozen=True):
     power: DeviceEntry | None = None
     power_b: DeviceEntry | None = None
     ais: DeviceEntry | None = None
+    wind: DeviceEntry | None = None
+    depth: DeviceEntry | None = None
 
 
 MAX_BYTES = 1 << 20  # of a vehicle or parameter file
 NETWORK, _NO_BAUD = ("udp:", "tcp:", "can:"), 38400  # prefixes of network ports; placeholder for their rate
 _MAX_CHARACTERS = 60  # of a name in a message
 _MAX_BITS = 4096  # of an integer, because Python limits the conversion of integers to text
-_OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices
+_OPTIONAL = ("position", "compass_b", "power", "power_b", "ais", "wind", "depth")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
 

@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 
 from firmware_py.common.driver import Driver
-from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
+from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Depth, Position, Power, Rudder, Vessels, Wind
 from firmware_py.common.records import DeviceRole
-from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, SECTIONS, calibrator_of
+from firmware_py.devices import AIS, COMPASSES, DEPTHS, POSITIONS, POWERS, RUDDERS, SECTIONS, WINDS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.system.network_line import NetworkLine, TcpLine, UdpLine
@@ -43,6 +43,8 @@ class Devices(msgspec.Struct, frozen=True):
     calibrator: Calibrator | None
     power: tuple[Power, ...]
     vessels: Vessels | None
+    wind: Wind | None
+    depth: Depth | None
     lines: tuple[Line, ...]
 
 
@@ -62,16 +64,20 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
         driver = COMPASSES[entry_b.driver].make(shared["compass_b"], entry_b.options)
         compass_b = SecondSensor(driver, DeviceRole.COMPASS_B)
     power = _create_power_monitors(vehicle, shared, lines)
-    vessels = None
+    vessels, wind, depth = None, None, None
     if (ais := vehicle.ais) is not None:
         vessels = AIS[ais.driver].make(shared["ais"], ais.options)
+    if (wind_entry := vehicle.wind) is not None:
+        wind = WINDS[wind_entry.driver].make(shared["wind"], wind_entry.options)
+    if (depth_entry := vehicle.depth) is not None:
+        depth = DEPTHS[depth_entry.driver].make(shared["depth"], depth_entry.options)
     open_lines(lines, wait=wait)
     calibrator = calibrator_of(vehicle.compass.driver, compass)
-    return Devices(compass, position, rudder, compass_b, calibrator, power, vessels, tuple(lines))
+    return Devices(compass, position, rudder, compass_b, calibrator, power, vessels, wind, depth, tuple(lines))
 
 
 def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
-    """Return the lines of compasses, position, power and AIS by name; devices that share a port get views of one line.
+    """Return the lines of the devices that may share a port, by name; those that do get views of one line.
 
     The views must be read in this order. New lines are added to `lines`.
     """
@@ -80,6 +86,8 @@ def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
         "compass_b": vehicle.compass_b,
         "position": vehicle.position,
         "power": vehicle.power,
+        "wind": vehicle.wind,
+        "depth": vehicle.depth,
         "ais": vehicle.ais,
     }
     users: dict[str, dict[str, DeviceEntry]] = {}

@@ -90,5 +90,7 @@ def _ports_by_role(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
         DeviceRole.POWER: vehicle.power,
         DeviceRole.POWER_B: vehicle.power_b,
         DeviceRole.AIS: vehicle.ais,
+        DeviceRole.WIND: vehicle.wind,
+        DeviceRole.DEPTH: vehicle.depth,
     }
     return {role: (entry.driver, entry.port) for role, entry in entries.items() if entry is not None}

@@ -111,8 +111,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
-    for text in (*driver_problems(vehicle), *(shared_port_warnings(lines) if options.lockstep is None else ())):
-        say(text)
+    _report_device_problems(vehicle, lines if options.lockstep is None else (), say)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, clock_start = _create_clock(clock, options, lines, store)
     endings = read_endings(store, options.runtime, clock.utc_s(), notices)
@@ -145,6 +144,8 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
         rudder=devices.rudder,
         power=devices.power,
         vessels=devices.vessels,
+        wind=devices.wind,
+        depth=devices.depth,
         link=endpoint,
         recorder=recorder,
         store=store,
@@ -158,6 +159,12 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     _connect_reports(vehicle, options, parts, status_reader(endpoint, outputs), version.commit, console, opened)
     connect_nmea_outputs(outputs, parts)
     return Assembly(parts, endpoint, console, endings, opened.pop_all().close)
+
+
+def _report_device_problems(vehicle: Vehicle, lines: Sequence[Line], say: Callable[[str], None]) -> None:
+    """Report drivers that cannot be used, and lines that other programs have open."""
+    for text in (*driver_problems(vehicle), *shared_port_warnings(lines)):
+        say(text)
 
 
 def _create_start_state(

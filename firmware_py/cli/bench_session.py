@@ -7,19 +7,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from firmware_py.assemble.devices import Line, create_line, share_line, shared_port_warnings
-from firmware_py.common.interfaces import Compass, Position, Power, Rudder, Vessels
+from firmware_py.common.interfaces import Compass, Depth, Position, Power, Rudder, Vessels, Wind
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     HeadingSample,
     PositionSample,
     PowerSample,
     RudderCommand,
     RudderFeedback,
+    WindSample,
 )
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
 from firmware_py.devices import SECTIONS
 from firmware_py.system.clock import RealClock
 from firmware_py.system.readings import (
+    depth_values,
     device_values,
     heading_values,
     identity_values,
@@ -27,6 +30,7 @@ from firmware_py.system.readings import (
     power_values,
     rudder_values,
     vessel_values,
+    wind_values,
 )
 from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import DeviceEntry, Vehicle
@@ -35,7 +39,16 @@ POLL_INTERVAL_S = 0.1
 # The servo is polled with torque off, so that listening does not move it.
 RELEASE_COMMAND = RudderCommand(0.0, torque_on=False)
 
-Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample | VesselPosition | VesselIdentity
+Sample = (
+    HeadingSample
+    | PositionSample
+    | RudderFeedback
+    | PowerSample
+    | VesselPosition
+    | VesselIdentity
+    | WindSample
+    | DepthSample
+)
 
 
 @dataclass(slots=True)
@@ -45,7 +58,7 @@ class BenchDevice:
     role: str
     driver_name: str
     port: str
-    driver: Compass | Position | Rudder | Power | Vessels | None = None
+    driver: Compass | Position | Rudder | Power | Vessels | Wind | Depth | None = None
     error: str = ""
     sample_count: int = 0
     first_sample_s: float | None = None
@@ -77,6 +90,8 @@ _FORMATTERS: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
     PowerSample: power_values,
     VesselPosition: vessel_values,
     VesselIdentity: identity_values,
+    WindSample: wind_values,
+    DepthSample: depth_values,
 }
 
 
@@ -106,7 +121,7 @@ class BenchSession:
         """Open each port; a failure sets the error of its devices."""
         self._clock = RealClock()
         groups: dict[str, list[tuple[str, DeviceEntry]]] = {}
-        for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "ais"):
+        for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "wind", "depth", "ais"):
             if (entry := getattr(vehicle, section)) is not None:
                 groups.setdefault(entry.port, []).append((section, entry))
         self.devices = [device for group in groups.values() for device in open_devices(group)]

@@ -95,6 +95,8 @@ def check_device(device: BenchDevice) -> Finding:
         return finding(Level.FAIL, device.error)
     if device.role == "ais" and health is not None and not device.sample_count and not health.rejected:
         return finding(Level.WARN, f"{label}: no vessel received; check antenna and baud rate if vessels are near")
+    if device.role in ("wind", "depth") and health is not None and not device.sample_count and health.accepted:
+        return finding(Level.WARN, f"{label}: {health.text}; check the sensor if it should measure now")
     if not device.sample_count or health is None:
         state = health.text if health is not None else ""
         return finding(Level.FAIL, f"{label}: {state or 'silent; check power, wiring and baud rate'}")

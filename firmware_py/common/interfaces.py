@@ -14,6 +14,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, Plans
 from firmware_py.common.records import (
     Calibration,
+    DepthSample,
     DeviceHealth,
     HeadingSample,
     Inputs,
@@ -24,6 +25,7 @@ from firmware_py.common.records import (
     RudderCommand,
     RudderFeedback,
     Stored,
+    WindSample,
 )
 from firmware_py.common.reports import Output, SwingReport
 from firmware_py.common.vessels import VesselReport
@@ -126,6 +128,20 @@ class Vessels(Device, Protocol):
 
     def poll(self) -> Sequence[VesselReport]:
         """The reports since the last poll, a bounded number, positions first."""
+
+
+class Wind(Device, Protocol):
+    """A wind sensor."""
+
+    def poll(self) -> Sequence[WindSample]:
+        """The samples since the last poll, a bounded number, oldest first."""
+
+
+class Depth(Device, Protocol):
+    """An echo sounder."""
+
+    def poll(self) -> Sequence[DepthSample]:
+        """The samples since the last poll, a bounded number, oldest first."""
 
 
 class Rudder(Device, Protocol):

@@ -48,6 +48,8 @@ class DeviceRole(IntEnum):
     POWER_B = 9
     AIS = 10
     RUDDER_ANGLE = 11
+    WIND = 12
+    DEPTH = 13
 
 
 class DeviceState(IntEnum):
@@ -156,6 +158,38 @@ class PowerSample(msgspec.Struct, frozen=True):
     temperature_c: float | None = None
 
 
+class WindReference(IntEnum):
+    """Reference of a wind angle, numbered as in PGN 130306 of NMEA 2000.
+
+    The angle is that from which the wind comes, from true or magnetic north (`NORTH`, `MAGNETIC`), or from the bow: of
+    the apparent wind, which contains the motion of the boat, of the wind over the ground (`BOW`), or of the wind over
+    the water (`BOW_WATER`).
+    """
+
+    NORTH = 0
+    MAGNETIC = 1
+    APPARENT = 2
+    BOW = 3
+    BOW_WATER = 4
+
+
+class WindSample(msgspec.Struct, frozen=True):
+    """A wind measurement: speed, and angle in [0, 2 pi) from which the wind comes, clockwise from its reference."""
+
+    t_s: float
+    wind_m_s: float
+    angle_rad: float
+    reference: WindReference
+
+
+class DepthSample(msgspec.Struct, frozen=True):
+    """A water depth below the surface; `transducer_m` is the depth of the transducer below the surface."""
+
+    t_s: float
+    depth_m: float
+    transducer_m: float = 0.0
+
+
 class DeviceHealth(msgspec.Struct, frozen=True):
     """State of a device and its counters since the start; reported on change."""
 
@@ -199,6 +233,8 @@ class Inputs(msgspec.Struct, frozen=True):
     power: tuple[PowerSample, ...] = ()
     vessels: tuple[VesselReport, ...] = ()
     rudder_angles: tuple[RudderAngleSample, ...] = ()
+    wind: tuple[WindSample, ...] = ()
+    depth: tuple[DepthSample, ...] = ()
 
 
 # --------------------------------------------------------------------------- outputs

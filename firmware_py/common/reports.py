@@ -7,7 +7,14 @@ from enum import IntEnum
 import msgspec
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import CalibrationState, Event, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.records import (
+    CalibrationState,
+    DepthSample,
+    Event,
+    PositionSample,
+    RudderCommand,
+    RudderFeedback,
+)
 from firmware_py.common.vessels import Traffic
 
 
@@ -161,6 +168,28 @@ class Power(msgspec.Struct, frozen=True):
     discharged: Flow = Flow()
 
 
+class Wind(msgspec.Struct, frozen=True):
+    """Wind at the boat; None for values that are not known. Equations and averaging times: estimate/wind.py.
+
+    `apparent_m_s` and `apparent_rad` are the last apparent wind, from the bow. `wind_m_s` and `from_rad` are the wind
+    over the ground, averaged over 10 s, `north_m_s` and `east_m_s` the velocity of the air. `mean_...`: averages over
+    2 min, `sd_m_s` is the standard deviation of the speed in that time, `gust_m_s` the maximum gust of the last 10 min.
+    An angle is that from which the wind comes.
+    """
+
+    t_s: float
+    apparent_m_s: float | None = None
+    apparent_rad: float | None = None
+    north_m_s: float | None = None
+    east_m_s: float | None = None
+    wind_m_s: float | None = None
+    from_rad: float | None = None
+    mean_m_s: float | None = None
+    mean_from_rad: float | None = None
+    sd_m_s: float | None = None
+    gust_m_s: float | None = None
+
+
 class DeadReckoningPosition(msgspec.Struct, frozen=True):
     """Position and velocity by dead reckoning, and the time since the last fix.
 
@@ -180,8 +209,8 @@ class Snapshot(msgspec.Struct, frozen=True):
 
     `heading_rad` and `yaw_rate_rad_s` are measured by the compass; `heading_error_rad` refers to the estimated heading
     of the glider. `rudder_rad` is measured, `rudder_estimate_rad` estimated because it is not measured, and
-    `rudder_command_rad` commanded, all in the frame of the rudder. `heading_ok` and `position_ok`: the values are
-    fresh. `distance_m` is None without a position goal.
+    `rudder_command_rad` commanded, all in the frame of the rudder. `..._ok`: the values are fresh. `distance_m` is
+    None without a position goal.
     """
 
     t_s: float
@@ -221,6 +250,10 @@ class Snapshot(msgspec.Struct, frozen=True):
     dead_reckoning: DeadReckoningPosition | None = None  # replaces the position while it is used
     heading_age_s: float | None = None  # age of the last heading used; None before the first
     rudder_estimate_rad: float | None = None
+    wind: Wind | None = None  # last wind; None before the first
+    wind_ok: bool = False
+    depth: DepthSample | None = None  # last water depth; None before the first
+    depth_ok: bool = False
 
 
 class Output(msgspec.Struct, frozen=True):

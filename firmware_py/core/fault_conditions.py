@@ -6,11 +6,14 @@ from typing import Final
 
 from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.records import DeviceState
+from firmware_py.core import instruments
+from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate import sources
 from firmware_py.estimate.heading_estimator import HeadingTimeouts
+from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import SourceState
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
@@ -35,18 +38,13 @@ def fault_input(
         faults=state.fault_latch.active,
         late_age_s=None if skipped_s is None else now_s - skipped_s,
         heading_old=freshness.heading is Age.OLD,
-        compass_silent=any(
-            sample_s is not None and now_s - sample_s > timeout_s
-            for sample_s, timeout_s in zip(devices.compass_s, timeouts.compass_s, strict=True)
-        ),
+        compass_silent=_is_compass_silent(devices, timeouts, now_s),
         compass_frozen=is_frozen,
         compass_jumping=is_jumping,
         compasses_disagree=sources.compasses_disagree(compasses),
         position_old=freshness.position is Age.OLD
         and (position.fix is not None or _lacks_first_fix(state.modes, state.timing, now_s)),
-        position_held_back=(
-            position.suspect is not None and position.fix is not None and position.suspect.t_s > position.fix.t_s
-        ),
+        position_held_back=_is_held_back(position),
         servo_old=freshness.rudder is Age.OLD,
         servo_error=(servo is not None and servo.hardware_error != 0)
         or (devices.rudder is not None and devices.rudder.state is DeviceState.FAULTY),
@@ -79,7 +77,25 @@ def fault_input(
         station_age_s=None if station is None else now_s - station.t_s,
         station_timeout_s=settings.supervisor.station_s,
         vessel_near=state.traffic.near,
+        depth_m=instruments.recent_depth_m(state.instruments, now_s),
+        depth_min_m=settings.instruments.depth_min_m,
+        wind_m_s=instruments.recent_mean_wind_m_s(state.instruments, now_s),
+        wind_max_m_s=settings.instruments.wind_max_m_s,
     )
+
+
+def _is_compass_silent(devices: DeviceReports, timeouts: HeadingTimeouts, now_s: float) -> bool:
+    """Return whether a compass that was received before has exceeded its time-out."""
+    return any(
+        sample_s is not None and now_s - sample_s > timeout_s
+        for sample_s, timeout_s in zip(devices.compass_s, timeouts.compass_s, strict=True)
+    )
+
+
+def _is_held_back(position: PositionState) -> bool:
+    """Return whether a newer position than the accepted one is held back."""
+    suspect, fix = position.suspect, position.fix
+    return suspect is not None and fix is not None and suspect.t_s > fix.t_s
 
 
 def _lacks_first_fix(modes: ModeState, timing: TickTiming, now_s: float) -> bool:

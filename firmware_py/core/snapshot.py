@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.records import Inputs, RudderStatus
 from firmware_py.common.reports import DeadReckoningPosition, Snapshot
+from firmware_py.core import instruments
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
 from firmware_py.estimate import dead_reckoning, heading_estimator, position
@@ -64,17 +65,19 @@ def snapshot_of(
         power=power_monitor.report(state.power, inputs.tick.t_s),
         power_saving_level=power_saving.level_of(state.fault_latch.active),
         traffic=traffic_report(state),
-        dead_reckoning=None
-        if situation.dead_reckoning_sd_m is None
-        else _dead_reckoning_position(state, situation.dead_reckoning_sd_m),
+        dead_reckoning=_dead_reckoning_position(state, situation.dead_reckoning_sd_m),
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
         rudder_estimate_rad=rudder.angle_rad if rudder.estimated else None,
+        wind=state.instruments.wind.report,
+        wind_ok=instruments.is_recent(state.instruments.wind.report, inputs.tick.t_s),
+        depth=state.instruments.depth,
+        depth_ok=instruments.is_recent(state.instruments.depth, inputs.tick.t_s),
     )
 
 
-def _dead_reckoning_position(state: State, sd_m: float) -> DeadReckoningPosition | None:
+def _dead_reckoning_position(state: State, sd_m: float | None) -> DeadReckoningPosition | None:
     position_state = state.position
-    if position_state.dead_reckoning is None:
+    if position_state.dead_reckoning is None or sd_m is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
     # A step of 0 s: only the velocity is needed.

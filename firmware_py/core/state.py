@@ -18,6 +18,7 @@ from firmware_py.control.heading_controller import HeadingControllerSettings
 from firmware_py.control.law import IDLE, LawState
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
+from firmware_py.core.instruments import InstrumentLimits, InstrumentState
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate import dead_reckoning, heading_estimator, position
@@ -54,6 +55,7 @@ class Settings(msgspec.Struct, frozen=True):
     fence_enabled: bool
     traffic: TrafficSettings
     aside: AvoidanceSettings
+    instruments: InstrumentLimits
 
 
 @functools.lru_cache(maxsize=4)
@@ -72,6 +74,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
         fence_enabled=bool(parameters["FENCE_ENABLE"]),
         traffic=TrafficSettings.of(parameters),
         aside=AvoidanceSettings.of(parameters),
+        instruments=InstrumentLimits.of(parameters),
     )
 
 
@@ -101,6 +104,7 @@ class State(msgspec.Struct, frozen=True):
     traffic: TrafficState = TrafficState()
     agreement: PositionConsistency = PositionConsistency()
     aside: AvoidanceState = avoidance.IDLE
+    instruments: InstrumentState = InstrumentState()
 
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:

@@ -22,6 +22,7 @@ from firmware_py.core import rudder as rudder_state
 from firmware_py.core.accept import accept
 from firmware_py.core.estimate_step import estimate
 from firmware_py.core.fault_conditions import fault_input
+from firmware_py.core.instruments_step import watch_instruments
 from firmware_py.core.rudder_demand import compute_rudder_demand
 from firmware_py.core.snapshot import snapshot_of
 from firmware_py.core.state import (
@@ -62,6 +63,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     timeouts = heading_timeouts_of(settings, state.devices)
     freshness = freshness_of(settings, state, timeouts, now_s)
     state, vessel_events = watch_vessels(settings, state, inputs, freshness)
+    state, instrument_events = watch_instruments(settings, state, inputs, freshness)
 
     conditions = latch.judge_conditions(fault_input(settings, state, freshness, timeouts, now_s))
     faults, fault_events = latch.update(state.fault_latch, conditions, now_s)
@@ -104,6 +106,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         *failsafe_events,
         *guidance_events,
         *vessel_events,
+        *instrument_events,
     )
     return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 

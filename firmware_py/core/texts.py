@@ -11,6 +11,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a charger reports an error; reported once in ten minutes",
         "look up the number in its manual; `rambler status` names the device",
     ),
+    "<sensor>: no data": (
+        "wind or depth sensor: no message any more, or its port is missing",
+        "steering is not affected; at the boat: check power and cable; `rambler status` names the port",
+    ),
+    "<sensor>: data recovered": ("messages of the wind or depth sensor arrive again", _NOTHING),
     "Armed": ("the rudder follows the mode", _NOTHING),
     "Disarmed": ("the rudder is not steered", "arm the boat to sail"),
     "Rudder angle: estimated": (

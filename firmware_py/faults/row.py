@@ -76,6 +76,10 @@ class FaultInput(msgspec.Struct, frozen=True):
     station_age_s: float | None
     station_timeout_s: float
     vessel_near: bool
+    depth_m: float | None
+    depth_min_m: float
+    wind_m_s: float | None
+    wind_max_m_s: float
 
     def is_set(self, fault: int) -> bool:
         """Return whether a fault was set in the last tick."""

@@ -19,6 +19,8 @@ RESTART_MEMORY_S: Final = 5.0
 TEMPERATURE_MARGIN_C: Final = 5.0
 VOLTAGE_MARGIN_FACTOR: Final = 1.03
 CHARGE_MARGIN: Final = 0.05
+DEPTH_MARGIN_FACTOR: Final = 1.1
+WIND_MARGIN_FACTOR: Final = 0.9
 
 __all__ = ["PRECEDENCE", "TABLE", "Fault"]
 
@@ -54,6 +56,24 @@ def is_battery_below(tick: FaultInput, fault: Fault, min_charge: float, min_v: f
     if results:
         return any(results)
     return was_below and (min_charge > 0.0 or min_v > 0.0)
+
+
+def is_water_shallow(tick: FaultInput) -> bool:
+    """Return whether the water is shallower than its limit (0: no limit); without a depth, the last result is kept."""
+    was_shallow = tick.is_set(Fault.WATER_SHALLOW)
+    if tick.depth_m is None:
+        return was_shallow and tick.depth_min_m > 0.0
+    return tick.depth_m < tick.depth_min_m * (DEPTH_MARGIN_FACTOR if was_shallow else 1.0)
+
+
+def is_wind_strong(tick: FaultInput) -> bool:
+    """Return whether the mean wind exceeds its limit (0: no limit); without a wind, the last result is kept."""
+    was_strong = tick.is_set(Fault.WIND_STRONG)
+    if not tick.wind_max_m_s > 0.0:
+        return False
+    if tick.wind_m_s is None:
+        return was_strong
+    return tick.wind_m_s > tick.wind_max_m_s * (WIND_MARGIN_FACTOR if was_strong else 1.0)
 
 
 # In the order of the fault numbers.
@@ -427,6 +447,31 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Heading estimate consistent again",
         remedy="from shore: nothing, the boat steers by the compass. Later: check `MDL_K` and `MDL_T_S` "
         "(`rambler-hil identify`), compass and rudder feedback",
+    ),
+    Fault.WATER_SHALLOW: FaultRow(
+        condition="the water depth below the surface is less than DEPTH_MIN (clears 10 % above it)",
+        is_present=is_water_shallow,
+        debounce_s=10.0,
+        clear_s=30.0,
+        severity=Severity.ERROR,
+        parameter="FS_DEPTH_ACT",
+        text="Water shallow: depth below DEPTH_MIN",
+        recovery="Water no longer shallow",
+        remedy="from shore: compare position and chart, and send a heading into deep water; the heading that "
+        "`FS_DEPTH_ACT` 2 keeps may lead aground. `DEPTH_MIN` is 0, never, by default. While the depth is unknown "
+        "the fault stays set; `DEPTH_MIN` 0 clears it",
+    ),
+    Fault.WIND_STRONG: FaultRow(
+        condition="the wind speed averaged over 2 min exceeds WIND_MAX (clears 10 % below it)",
+        is_present=is_wind_strong,
+        debounce_s=30.0,
+        clear_s=60.0,
+        severity=Severity.WARNING,
+        parameter="FS_WIND_ACT",
+        text="Wind strong: speed above WIND_MAX",
+        recovery="Wind no longer strong",
+        remedy="from shore: expect larger heading errors and leeway; choose a heading that the boat can hold. "
+        "`WIND_MAX` is 0, never, by default. While the wind is unknown the fault stays set; `WIND_MAX` 0 clears it",
     ),
 }
 

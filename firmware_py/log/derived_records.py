@@ -115,6 +115,21 @@ SUPPLY: Final = Row(
     ),
     _ignore_record,
 )
+WIND: Final = Row(
+    198,
+    "WNDG",
+    (
+        optional_column("Spd", "n", "wind_m_s"),
+        optional_column("Dir", "r", "from_rad"),
+        optional_column("Mean", "n", "mean_m_s"),
+        optional_column("MDir", "r", "mean_from_rad"),
+        optional_column("Sd", "n", "sd_m_s"),
+        optional_column("Gust", "n", "gust_m_s"),
+        optional_column("AppS", "n", "apparent_m_s"),
+        optional_column("AppA", "r", "apparent_rad"),
+    ),
+    _ignore_record,
+)
 DEAD_RECKONING: Final = Row(
     192,
     "RKN",
@@ -143,6 +158,7 @@ TYPES: Final = (
     SUPPLY.type,
     DEAD_RECKONING.type,
     RUDDER_ESTIMATE.type,
+    WIND.type,
 )
 
 
@@ -161,6 +177,8 @@ def encode_snapshot(snapshot: Snapshot) -> bytes:
         data += ENERGY.pack(t_s, snapshot.energy)
     if snapshot.dead_reckoning is not None:
         data += DEAD_RECKONING.pack(t_s, snapshot.dead_reckoning)
+    if snapshot.wind is not None and snapshot.wind_ok:
+        data += WIND.pack(t_s, snapshot.wind)
     if snapshot.power is not None:
         data += SUPPLY.pack(t_s, snapshot.power)
     return data if snapshot.water is None else data + WATER.pack(t_s, snapshot.water)

@@ -175,26 +175,25 @@ class _Scan:
                 return None
             if record is not None:
                 records_by_name[file_format.name].append(record)
-        ticks, headings, positions, rudder, devices, requests, power, vessels, ships, angles, commands, checkpoints = (
-            tuple(records_by_name[row.type.name])
-            for row in (
-                schema.TICK,
-                schema.HEADING,
-                schema.POSITION,
-                schema.FEEDBACK,
-                schema.DEVICE,
-                schema.REQUEST,
-                schema.POWER,
-                schema.VESSEL,
-                schema.IDENTITY,
-                schema.RUDDER_ANGLE,
-                schema.CONTROL,
-                schema.CHECKPOINT,
-            )
+        found = {name: tuple(values) for name, values in records_by_name.items()}
+        ticks, commands, checkpoints = (
+            found[row.type.name] for row in (schema.TICK, schema.CONTROL, schema.CHECKPOINT)
         )
         if len(ticks) != 1 or len(commands) != 1:
             return None
-        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests, power, (*vessels, *ships), angles)
+        inputs = Inputs(
+            ticks[0],
+            headings=found[schema.HEADING.type.name],
+            positions=found[schema.POSITION.type.name],
+            rudder=found[schema.FEEDBACK.type.name],
+            devices=found[schema.DEVICE.type.name],
+            requests=found[schema.REQUEST.type.name],
+            power=found[schema.POWER.type.name],
+            vessels=(*found[schema.VESSEL.type.name], *found[schema.IDENTITY.type.name]),
+            rudder_angles=found[schema.RUDDER_ANGLE.type.name],
+            wind=found[schema.WIND.type.name],
+            depth=found[schema.DEPTH.type.name],
+        )
         return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
 
 

@@ -1,9 +1,9 @@
 """Tables of the log messages: one row per message type, one column per field.
 
 A tick is a sequence of records from TICK to END. Between them are the state before the tick (CHK, at checkpoints only),
-the number of lost ticks (DROP, after a loss only), all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP, RANG), the
-command (CTL) and the messages of derived_records.py and ardupilot.py, which a replay ignores. END contains the sequence
-number of the tick, so that missing ticks are detected, and a checksum over all records since TICK.
+the number of lost ticks (DROP, after a loss only), all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP, RANG, WIN,
+DEP), the command (CTL) and the messages of derived_records.py and ardupilot.py, which a replay ignores. END contains
+the sequence number of the tick, so that missing ticks are detected, and a checksum over all records since TICK.
 
 Inputs and commands are doubles in SI units and radians. T is the exact time, TimeUS the rounded one for log tools.
 """
@@ -18,6 +18,7 @@ from firmware_py.common import plan, record_codec
 from firmware_py.common.intents import Request
 from firmware_py.common.record_codec import Hooks
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -31,6 +32,8 @@ from firmware_py.common.records import (
     RudderCommand,
     RudderFeedback,
     Tick,
+    WindReference,
+    WindSample,
 )
 from firmware_py.common.reports import Output
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
@@ -160,7 +163,7 @@ CONTROL: Final = Row(
         flag_column("Torq", "command.torque_on"),
         integer_column("Mode", "B", "snapshot.mode"),
         flag_column("Arm", "snapshot.armed"),
-        integer_column("Flt", "I", "snapshot.faults"),
+        integer_column("Flt", "Q", "snapshot.faults"),
         float_column("RudC", "r", "snapshot.rudder_command_rad"),
         optional_column("Rud", "r", "snapshot.rudder_rad"),
         flag_column("RudOk", "snapshot.rudder_ok"),
@@ -215,6 +218,23 @@ RUDDER_ANGLE: Final = Row(
     (float_column("T", "s", "t_s"), float_column("Rud", "r", "rudder_rad")),
     RudderAngleSample,
 )
+WIND: Final = Row(
+    196,
+    "WIN",
+    (
+        float_column("T", "s", "t_s"),
+        float_column("Spd", "n", "wind_m_s"),
+        float_column("Ang", "r", "angle_rad"),
+        enum_column("Ref", "reference", WindReference),
+    ),
+    WindSample,
+)
+DEPTH: Final = Row(
+    197,
+    "DEP",
+    (float_column("T", "s", "t_s"), float_column("Depth", "m", "depth_m"), float_column("Trd", "m", "transducer_m")),
+    DepthSample,
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
@@ -235,6 +255,8 @@ READ_ROWS: Final[Mapping[str, Row]] = {
         VESSEL,
         IDENTITY,
         RUDDER_ANGLE,
+        WIND,
+        DEPTH,
     )
 }
 TYPES: Final = (
@@ -259,6 +281,8 @@ def encode_inputs(inputs: Inputs) -> bytes:
         else:
             parts.append(IDENTITY.pack_text(report.t_s, report, record_codec.to_text(report, VERSION)))
     parts += [RUDDER_ANGLE.pack(sample.t_s, sample) for sample in inputs.rudder_angles]
+    parts += [WIND.pack(sample.t_s, sample) for sample in inputs.wind]
+    parts += [DEPTH.pack(sample.t_s, sample) for sample in inputs.depth]
     return b"".join(parts)
 
 

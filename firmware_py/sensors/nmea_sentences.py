@@ -216,7 +216,7 @@ TABLE: Mapping[str, Layout] = {
         (
             ("wind_from_true_deg", number_field(0, 0.0, 360.0, unit="T")),
             ("wind_from_magnetic_deg", number_field(2, 0.0, 360.0, unit="M")),
-            ("wind_speed_m_s", speed_field(4)),
+            ("wind_speed_m_s", _first_value_field(speed_field(4), speed_field(6))),
         ),
     ),
     "MDA": Layout(

@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     HeadingSample,
     NorthReference,
@@ -15,6 +16,8 @@ from firmware_py.common.records import (
     PowerSample,
     RudderAngleSample,
     RudderFeedback,
+    WindReference,
+    WindSample,
 )
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
 
@@ -80,6 +83,28 @@ def power_values(sample: PowerSample) -> Values:
         "load_a": rounded(sample.load_a, 3),
         "temperature_c": sample.temperature_c,
     }
+
+
+_WIND_ANGLES = {
+    WindReference.NORTH: "wind_from_true_deg",
+    WindReference.MAGNETIC: "wind_from_magnetic_deg",
+    WindReference.APPARENT: "apparent_wind_angle_deg",
+    WindReference.BOW: "true_wind_angle_deg",
+    WindReference.BOW_WATER: "true_wind_angle_deg",
+}
+
+
+def wind_values(sample: WindSample) -> Values:
+    """Return the values of a wind sensor; the name of the angle is that of its reference."""
+    return {
+        "wind_m_s": rounded(sample.wind_m_s, 2),
+        _WIND_ANGLES[sample.reference]: rounded(sample.angle_rad, 1, compass_degrees),
+    }
+
+
+def depth_values(sample: DepthSample) -> Values:
+    """Return the values of an echo sounder: depths below the surface, of the water and of the transducer."""
+    return {"depth_m": rounded(sample.depth_m, 2), "transducer_m": rounded(sample.transducer_m, 2)}
 
 
 def vessel_values(report: VesselPosition) -> Values:

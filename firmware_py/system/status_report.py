@@ -157,6 +157,34 @@ def calibration_values(swing: SwingReport) -> Values:
     }
 
 
+def _wind(snapshot: Snapshot) -> Values:
+    wind = snapshot.wind
+    if wind is None:
+        return {}
+    return {
+        "ok": snapshot.wind_ok,
+        "age_s": rounded(snapshot.t_s - wind.t_s, 1),
+        "wind_m_s": rounded(wind.wind_m_s, 1),
+        "wind_from_deg": rounded(wind.from_rad, 0, compass_degrees),
+        "mean_wind_m_s": rounded(wind.mean_m_s, 1),
+        "mean_wind_from_deg": rounded(wind.mean_from_rad, 0, compass_degrees),
+        "gust_m_s": rounded(wind.gust_m_s, 1),
+        "apparent_wind_m_s": rounded(wind.apparent_m_s, 1),
+        "apparent_wind_deg": rounded(wind.apparent_rad, 0, compass_degrees),
+    }
+
+
+def _depth(snapshot: Snapshot) -> Values:
+    depth = snapshot.depth
+    if depth is None:
+        return {}
+    return {
+        "ok": snapshot.depth_ok,
+        "age_s": rounded(snapshot.t_s - depth.t_s, 1),
+        "depth_m": rounded(depth.depth_m, 1),
+    }
+
+
 def _traffic(snapshot: Snapshot) -> Values:
     """Return the number of vessels and the first ones in the order: in distress, approaching, nearest."""
     traffic = snapshot.traffic
@@ -198,6 +226,8 @@ SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "estimate": _estimate,
     "energy": _energy,
     "power": _power,
+    "wind": _wind,
+    "depth": _depth,
     "traffic": _traffic,
 }
 

@@ -43,6 +43,9 @@ STATUS_COLUMNS: Final[Mapping[str, tuple[str, str, float]]] = {
     "servo_w": ("energy", "servo_power_w", 1.0),
     "solar_w": ("power", "solar_w", 1.0),
     "load_w": ("power", "load_w", 1.0),
+    "wind_m_s": ("wind", "wind_m_s", 1.0),
+    "gust_m_s": ("wind", "gust_m_s", 1.0),
+    "depth_m": ("depth", "depth_m", 1.0),
 }
 
 # Columns that are empty while their sensor has timed out, with the validity flag in the status.
@@ -50,6 +53,8 @@ VALIDITY_FLAGS: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("lat_deg", "lon_deg", "ground_m_s", "water_m_s", "current_m_s"), ("position", "ok")),
     **dict.fromkeys(("compass_deg", "heading_deg", "error_deg", "wave_period_s", "wave_sd_deg"), ("", "heading_ok")),
     "rudder_deg": ("rudder", "ok"),
+    **dict.fromkeys(("wind_m_s", "gust_m_s"), ("wind", "ok")),
+    "depth_m": ("depth", "ok"),
 }
 
 

@@ -2,7 +2,7 @@
 // Live page: values with their ages, faults, growing plots, and a notice without new data.
 
 const SECTIONS = { rudder: "Rudder", position: "Position", navigation: "Navigation", estimate: "Estimate", energy: "Rudder energy",
-  power: "Battery and panels", traffic: "Traffic", loop: "Control loop" };
+  power: "Battery and panels", wind: "Wind", depth: "Water depth", traffic: "Traffic", loop: "Control loop" };
 const UNITS = Object.entries({ _deg2_s: "deg²/s", _deg_per_h: "deg/h", _per_h: "per hour", _deg_s: "deg/s", _m_s: "m/s", _deg: "deg",
   _percent: "%", _hz: "Hz", _ms: "ms", _wh: "Wh", _w: "W", _v: "V", _a: "A", _c: "°C", _m: "m", _s: "s" });
 const WORDS = { ok: "valid", sog: "speed over ground", cog: "course over ground", lat: "latitude", lon: "longitude", reckoned: "dead reckoning",
@@ -157,7 +157,7 @@ class Live {
       `${formatNumber(vessel.distance_m, 1)} m, ${direction(vessel.bearing_deg, 0)}, report ${durationText(vessel.age_s)} ago`
       + (isKnown(vessel.cpa_m) ? `; closest approach ${formatNumber(vessel.cpa_m, 1)} m in ${durationText(vessel.cpa_in_s)}` : ""), vessel.near]));
     const power = devices.filter((device) => device.device.startsWith("power"));
-    const measured = { position: status.position, rudder: status.rudder, energy: status.rudder,
+    const measured = { position: status.position, rudder: status.rudder, energy: status.rudder, wind: status.wind, depth: status.depth,
       estimate: { age_s: status.heading_age_s, ok: status.heading_ok },
       power: power.length ? { age_s: Math.min(...power.map((device) => device.age_s ?? Infinity)), ok: power.some((device) => device.state === "running") } : null };
     for (const [name, title] of Object.entries(SECTIONS)) {

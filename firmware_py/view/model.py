@@ -101,6 +101,8 @@ PANELS: Final = (
         min_span=1.0,
         zero=True,
     ),
+    Panel("wind (m/s)", (Line("gust_m_s", "gust", "command"), Line("wind_m_s", "wind")), min_span=2.0, zero=True),
+    Panel("water depth (m)", (Line("depth_m", "depth"),), min_span=2.0, zero=True),
     Panel("active faults", (Line("faults", "faults", "bad"),), min_span=1.0, zero=True, step=True),
 )
 

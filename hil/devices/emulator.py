@@ -83,7 +83,32 @@ class Shaft(Protocol):
         """Release or engage the motor; a released shaft keeps its angle."""
 
 
-class Surroundings(Attitude, Whereabouts, Protocol):
+class Weather(Protocol):
+    """The quantities that a wind sensor measures.
+
+    `turbulence` is the standard deviation of the wind as a share of its speed; vectors are north and east.
+    """
+
+    turbulence: float
+
+    def bow_rad(self) -> float:
+        """Return the direction of the bow from true north, with wave yaw."""
+
+    def velocity_m_s(self) -> tuple[float, float]:
+        """Return the velocity of the boat over the ground."""
+
+    def air_velocity_m_s(self) -> tuple[float, float]:
+        """Return the mean velocity of the air over the ground."""
+
+
+class Bottom(Protocol):
+    """The bottom of the sea, which an echo sounder measures."""
+
+    def water_depth_m(self) -> float:
+        """Return the water depth below the surface at the boat."""
+
+
+class Surroundings(Attitude, Whereabouts, Weather, Bottom, Protocol):
     """What the devices of a boat measure and move: the simulated world."""
 
     disturbances: Any  # hil.ship.disturbances.Disturbances

@@ -175,6 +175,9 @@ def _extra_columns(columns: Mapping[str, Array]) -> dict[str, Array]:
         "servo_w": columns["servo_w"],
         "solar_w": columns["solar_w"],
         "load_w": columns["load_w"],
+        "wind_m_s": columns["wind"],
+        "gust_m_s": columns["gust"],
+        "depth_m": columns["depth"],
         "item": columns["item"],
         "faults": counts,
     }

@@ -31,6 +31,8 @@ _TICK_RECORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "GDN": {"Do": "activity", "XTrk": "cross_track", "Fnc": "fence_margin", "MItm": "item"},
     "WTR": {"U": "water", "CN": "current_north", "CE": "current_east"},
     "SUPL": {"Volt": "battery_v", "SoC": "charge", "Sun": "solar_w", "Load": "load_w"},
+    "WNDG": {"Spd": "wind", "Gust": "gust"},
+    "DEP": {"Depth": "depth"},
 }
 # Speed of a fix, servo power and raw compass heading are also columns of their tick.
 _TICK_COLUMNS: Final = (

@@ -15,6 +15,7 @@ from hil.ship.disturbances import (
     Bias,
     Compass,
     Delay,
+    Depth,
     Disturbances,
     FloatBody,
     Leeway,
@@ -26,6 +27,7 @@ from hil.ship.disturbances import (
     Supply,
     Vessels,
     WaveSpeed,
+    Wind,
     Yaw,
 )
 
@@ -144,6 +146,20 @@ TABLE: tuple[Option, ...] = (
         "bias",
         "standard deviation and time constant of the rudder bias, instead of the scenario's",
         f"{RECORDING_SOURCE}: 8 to 15 deg, 900 to 3500 s",
+    ),
+    Option(
+        "wind",
+        Wind,
+        "wind",
+        "wind that a wind sensor on the boat measures; it does not move the boat (see leeway)",
+        "assumed: turbulence of 0.06 to 0.15 of the speed is usual over the open sea",
+    ),
+    Option(
+        "depth",
+        Depth,
+        "depth",
+        "water depth that an echo sounder on the boat measures: constant, or with a slope to the north",
+        "assumed",
     ),
 )
 BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
@@ -285,7 +301,7 @@ def _describe_syntax(row: Option) -> str:
 def _label(number: Any) -> str:
     """Return the name of a field without its unit."""
     name = str(number.name)
-    for suffix in ("_rad_s", "_m_s", "_deg2_s", "_deg", "_km", "_s"):
+    for suffix in ("_rad_s", "_m_s", "_deg2_s", "_deg", "_km", "_m", "_s"):
         if name.endswith(suffix):
             name = name[: -len(suffix)]
             break

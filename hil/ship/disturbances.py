@@ -151,6 +151,23 @@ class Bias:
 
 
 @dataclass(frozen=True, slots=True)
+class Wind:
+    """Wind that the boat measures: mean speed, direction, standard deviation of the wind as a share of the speed."""
+
+    speed_m_s: float = number_field("m/s", 0.0, 80.0, 8.0)
+    from_deg: float = number_field("deg", -360.0, 360.0, 270.0)
+    turbulence: float = number_field("share", 0.0, 0.6, 0.12)
+
+
+@dataclass(frozen=True, slots=True)
+class Depth:
+    """Water depth at the start, and its decrease per metre to the north."""
+
+    start_m: float = number_field("m", 0.5, 12000.0, 50.0)
+    slope: float = number_field("-", -1.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Disturbances:
     """The disturbances of a scenario; None where absent."""
 
@@ -168,6 +185,8 @@ class Disturbances:
     yaw: Yaw | None = None
     own_waves: OwnWaves | None = None
     bias: Bias | None = None
+    wind: Wind | None = None
+    depth: Depth | None = None
 
 
 NO_DISTURBANCES = Disturbances()

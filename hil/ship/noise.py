@@ -31,6 +31,8 @@ class Stream(IntEnum):
     AIR = 16
     YAW = 17
     COMPASS_B = 18
+    WIND = 19
+    DEPTH = 20
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

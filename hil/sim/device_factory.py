@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final, Protocol, runtime_checkable
 
 from firmware_py.registry import PackageError, Registry
-from firmware_py.vehicle import Vehicle
+from firmware_py.vehicle import DeviceEntry, Vehicle, read_device
 from hil.devices.ais import AisEmulator
 from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice
 from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
@@ -82,6 +82,11 @@ SERVOS: Registry[EmulatedDevice] = Registry(
     EmulatedDevice,
     INTERFACE,
 )
+# Sensors that a vehicle may have, by section and driver; a scenario with the disturbance of that name adds them.
+INSTRUMENTS: Mapping[str, Registry[EmulatedDevice]] = {
+    name: Registry(EMULATORS, name, {"nmea": f"hil.devices.nmea_{name}:EMULATOR"}, EmulatedDevice, INTERFACE)
+    for name in ("wind", "depth")
+}
 POSITION = EmulatedDevice(interface=INTERFACE, driver="nmea", baud=9600, make=_make_gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
@@ -108,12 +113,21 @@ def shared_sections(vehicle: Vehicle) -> tuple[str, ...]:
     return _find_device_of(COMPASSES, vehicle.compass.driver).shared_by
 
 
+def instrument_entry(vehicle: Vehicle, name: str) -> DeviceEntry:
+    """Return the section of wind sensor or echo sounder of a vehicle, or that of an NMEA sensor."""
+    entry: DeviceEntry | None = getattr(vehicle, name)
+    if entry is not None:
+        return entry
+    values = {"driver": "nmea", "port": "set by the board", "baud": INSTRUMENTS[name]["nmea"].baud}
+    return read_device(name, values, f"[{name}]")
+
+
 def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
-    """Create compass, position, rudder, supply and AIS devices for a vehicle; raise UsageError if that fails.
+    """Create the devices of a vehicle; raise UsageError if that fails.
 
     The declination is the one in the vehicle file. A vehicle without a power monitor gets a charger and a monitor if
-    the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`. A compass that serves
-    further sections (`shared_by`) is the only device for them.
+    the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`, and likewise a wind
+    sensor and an echo sounder. A compass that serves further sections (`shared_by`) is the only device for them.
     """
     rng = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
@@ -142,9 +156,15 @@ def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Devic
             devices["compass_b"] = device.make(context(second.baud, second.options, Stream.COMPASS_B, 0.1))
         supply = _make_power(world, vehicle, devices, compass_device.shared_by, seed)
         devices = {name: device for name, device in devices.items() if name not in compass_device.shared_by}
-        return devices | supply | _make_ais(world, vehicle, seed)
+        devices |= supply | _make_ais(world, vehicle, seed)
+        for name, stream in (("wind", Stream.WIND), ("depth", Stream.DEPTH)):
+            if getattr(vehicle, name) is not None or getattr(world.disturbances, name) is not None:
+                entry = instrument_entry(vehicle, name)
+                instrument = _find_device_of(INSTRUMENTS[name], entry.driver)
+                devices[name] = instrument.make(context(entry.baud, entry.options, stream, 1.0))
     except ValueError as error:
         raise UsageError(f"vehicle file: a device cannot be emulated: {error}") from None
+    return devices
 
 
 def _make_power(

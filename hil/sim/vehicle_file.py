@@ -24,11 +24,13 @@ from hil.errors import UsageError
 from hil.sim.device_factory import (
     AIS_BAUD,
     COMPASSES,
+    INSTRUMENTS,
     POSITION,
     POWER_BAUD,
     POWER_DRIVER,
     SERVOS,
     find_device,
+    instrument_entry,
     shared_sections,
 )
 from hil.sim.world import Mounting
@@ -124,6 +126,9 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
             if name in ports
         },
         **({"ais": _emulated_section("ais", vehicle.ais, "nmea", ports["ais"], AIS_BAUD)} if "ais" in ports else {}),
+        **{
+            name: _device_section(instrument_entry(vehicle, name), ports[name]) for name in INSTRUMENTS if name in ports
+        },
         "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"] if "link" in ports else list(vehicle.link_urls)},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},

@@ -10,6 +10,7 @@ from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.emulator import METRES_PER_DEGREE
 from hil.ship import traffic
+from hil.ship.disturbances import Depth, Wind
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
@@ -102,6 +103,9 @@ class World:
         self.rudder_effect = 1.0  # share of the rudder angle that turns the boat; 0 for a lost blade
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self.disturbances = scenario.disturbances
+        wind, bottom = self.disturbances.wind or Wind(), self.disturbances.depth or Depth()
+        self.wind_m_s, self.wind_from_rad, self.turbulence = wind.speed_m_s, radians(wind.from_deg), wind.turbulence
+        self.start_depth_m, self.bottom_slope = bottom.start_m, bottom.slope
         self.ships = traffic.ships_of(scenario.disturbances.vessels, scenario.speed_m_s, seed)
         self._hull = Hull(scenario, model, seed)
         self._start_utc_s = start_utc_s
@@ -182,6 +186,24 @@ class World:
     def utc_s(self) -> float:
         """Return the seconds since 1970-01-01 UTC."""
         return self._start_utc_s + self._now_s
+
+    # Weather and bottom, which wind sensor and echo sounder measure.
+
+    def bow_rad(self) -> float:
+        """Return the direction of the bow from true north, with wave yaw, unwrapped."""
+        return self._hull.heading_rad(self._offset_s)
+
+    def velocity_m_s(self) -> tuple[float, float]:
+        """Return the velocity of the boat over the ground, north and east, with the motion in waves."""
+        return self._hull.velocity_in_waves_m_s(self._offset_s)
+
+    def air_velocity_m_s(self) -> tuple[float, float]:
+        """Return the mean velocity of the air over the ground, north and east."""
+        return -self.wind_m_s * math.cos(self.wind_from_rad), -self.wind_m_s * math.sin(self.wind_from_rad)
+
+    def water_depth_m(self) -> float:
+        """Return the water depth below the surface at the boat."""
+        return self.start_depth_m - self.bottom_slope * self._hull.position_m(self._offset_s)[0]
 
     def _record(self) -> None:
         row = self._step // STEPS_PER_ROW

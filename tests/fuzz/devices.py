@@ -191,6 +191,10 @@ RANGES = {
     "course_rad": (0.0, math.tau),
     "turn_rad_s": (-0.3, 0.3),
     "mmsi": (1, 999_999_999),
+    "wind_m_s": (0.0, 120.0),
+    "angle_rad": (0.0, math.tau),
+    "depth_m": (1e-9, 12_200.0),
+    "transducer_m": (0.0, 100.0),
 }
 
 
@@ -252,7 +256,8 @@ NMEA_WORDS = tuple(
     word.encode()
     for word in (
         "HCHDG,", "HEHDT,", "HCHDM,", "HETHS,", "PASHR,", "TIROT,", "GPRMC,", "GNGGA,", "GNGNS,", "GPGLL,", "GPVTG,",
-        "IIXDR,", "IIRSA,", "WIVWR,", "SDDPT,", "SDDBT,", "A,1.2,D,PTCH", "P,1.0164,B,STNP", ",C,23.3,C,0",
+        "IIXDR,", "IIRSA,", "WIVWR,", "WIMWV,", "WIMWD,", "WIVWT,", "SDDPT,", "SDDBT,", "SDDBS,", "SDDBK,",
+        "A,1.2,D,PTCH", "P,1.0164,B,STNP", ",C,23.3,C,0",
         ",A", ",V", ",N,", ",S,", ",E,", ",W,", ",T,", ",M", "-0.0", "359.99", "360", "1e9", ".",
         "235960", "310299", "290224", "9000.000", "18000.000", "*", "\\s:x*00\\", "$", "!",
     )

@@ -14,7 +14,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.faults.table import TABLE, Fault
-from hil.ship.disturbances import Supply
+from hil.ship.disturbances import Depth, Supply, Wind
 from hil.ship.scenarios import with_disturbances
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
@@ -174,6 +174,7 @@ def wait_for_breach(bench):
 
 FAILSAFE = {"FS_RESUME": 1}
 BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
+INSTRUMENTS = {"instruments": (Wind(turbulence=0.0), Depth())}
 EAST = {"current_toward_deg": 90.0}
 DRILLS = (
     Drill(
@@ -309,6 +310,16 @@ DRILLS = (
         check_heads_into_current, no_change, 0.0,
         options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
     ),
+    Drill(
+        Fault.WATER_SHALLOW, set_value("world.start_depth_m", 15.0), 13.0, check_failsafe("STEERING"),
+        set_value("world.start_depth_m", 30.0), 33.0, check_mode("GUIDED"), fault_time_s=12.0,
+        options=INSTRUMENTS | {"settings": FAILSAFE | {"DEPTH_MIN": 20, "FS_DEPTH_ACT": 2}},
+    ),
+    Drill(
+        Fault.WIND_STRONG, set_value("world.wind_m_s", 25.0), 95.0, check_failsafe("STEERING"),
+        set_value("world.wind_m_s", 5.0), 185.0, check_mode("GUIDED"), fault_time_s=12.0,
+        options=INSTRUMENTS | {"settings": FAILSAFE | {"WIND_MAX": 15, "FS_WIND_ACT": 2}},
+    ),
 )  # fmt: skip
 
 
@@ -337,13 +348,14 @@ def test_every_fault_has_a_drill():
 
 
 # Only in the proof: another test of the suite detects and reports each of these (unit tests, voyages, test_cables,
-# test_ashore, test_drill, clients/test_key_command).
+# test_ashore, test_drill, test_instruments, clients/test_key_command).
 PROOF_FAULTS = {
     Fault[name]
     for name in """
     COMPASS_LOST COMPASS_SILENT COMPASS_FROZEN COMPASS_DISAGREES POSITION_JUMPING RUDDER_SILENT RUDDER_OVERLOADED
     SUPPLY_LOW BATTERY_LOW BATTERY_CRITICAL LOOP_LATE POWER_SILENT STORAGE_FAILING STORAGE_FULL CLOCK_STEPPED
     STATION_SILENT FENCE_BREACHED STEERING_LOST STEERING_REVERSED KEY_LOST HELM_OSCILLATES CURRENT_STRONG
+    WATER_SHALLOW WIND_STRONG
     """.split()  # noqa: SIM905 - reads better than a list
 }
 

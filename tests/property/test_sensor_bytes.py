@@ -27,6 +27,8 @@ HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"
 HDT = b"$HEHDT,341.8,T*21\r\n"
 RMC = b"$GPRMC,115631,A,5229.6446,N,00518.6558,E,5.0,78.0,150816,1.0,E,A*24\r\n"
 GGA = b"$GNGGA,103607.00,5327.03942,N,00214.42462,W,1,06,5.88,56.0,M,48.5,M,,*64\r\n"
+MWV = b"$WIMWV,251.4,R,3.1,N,A*23\r\n"
+DPT = b"$IIDPT,4.1,1.0*44\r\n"
 PASHR = b"$PASHR,142509.000,179.885,T,-0.624,0.245,,0.029,0.029,0.502,2,3*17\r\n"
 PNI = pni_protocol.encode(5, bytes([2, 5]) + struct.pack(">f", 98.5) + bytes([8, 0]))
 STATUS_GOOD = bytes.fromhex("E0200400000003")
@@ -50,7 +52,7 @@ WITMOTION_ANGLE, WITMOTION_ANSWER = (
 )
 
 # Noise with complete and truncated messages, which reach more states of the parsers than random bytes alone.
-MESSAGES = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
+MESSAGES = (HDG, HDT, RMC, GGA, PASHR, MWV, DPT, PNI, MTI, PVT)
 MESSAGES += (RION, RION_LONG, RION_DECLINATION, WITMOTION_ANSWER, WITMOTION_ANGLE, WITMOTION_ANSWER + WITMOTION_ANGLE)
 MESSAGES += (RVC,)
 MESSAGES += (MAVLINK, BOARD.attitude(98.5))
@@ -83,7 +85,7 @@ STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
 
 DRIVERS = {
     f"{section} {name}": lambda line, driver=driver: driver.make(line, driver.options())
-    for section in ("compass", "position", "power")
+    for section in ("compass", "position", "power", "wind", "depth")
     for name, driver in SECTIONS[section].items()
 }
 FRAMERS = (
@@ -123,10 +125,14 @@ def test_drivers_accept_any_bytes_and_give_only_samples_in_range(make, stream, s
                 ("heading_rad", 2 * math.pi),
                 ("latitude_rad", math.pi / 2),
                 ("longitude_rad", math.pi),
+                ("angle_rad", 2 * math.pi),
+                ("wind_m_s", 120.0),
+                ("depth_m", 12_100.0),
             ):
                 value = getattr(sample, name, None)
                 assert value is None or abs(value) <= limit
             assert 0.0 <= getattr(sample, "heading_rad", 0.0) < 2 * math.pi
+            assert min(getattr(sample, name, 0.0) for name in ("angle_rad", "wind_m_s", "depth_m")) >= 0.0
 
 
 @pytest.mark.parametrize("make", FRAMERS)

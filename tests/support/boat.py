@@ -7,6 +7,7 @@ import signal
 import time
 from collections import deque
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -22,7 +23,9 @@ from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea2000 import Nmea2000Emulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
+from hil.devices.nmea_depth import NmeaDepthEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_wind import NmeaWindEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.rion import RionEmulator
@@ -139,7 +142,7 @@ class Boat:
 
     `speed` None: real time. `without`: sections that are left out, position or link. `plans`: names and contents of
     files in the state directory at the start. `supply`: with panels, battery, charger and monitor. `second_compass`: a
-    driver, or True for nmea.
+    driver, or True for nmea. `instruments`: wind and depth (hil.ship.disturbances), with their sensors.
     """
 
     def __init__(
@@ -155,6 +158,7 @@ class Boat:
         mode=GUIDED,
         second_compass=False,
         supply=None,
+        instruments=None,
         without=(),
         plans=(),
         speed=math.inf,
@@ -163,6 +167,9 @@ class Boat:
         self.directory = directory
         self.time = RealTime() if speed is None else Lockstep(speed)
         sea = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+        if instruments is not None:
+            wind, depth = instruments
+            sea = replace(sea, disturbances=replace(sea.disturbances, wind=wind, depth=depth))
         self.world = World(change(sea) if change else sea, 1)
         rng = np.random.default_rng
         self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)
@@ -184,6 +191,8 @@ class Boat:
             "compass_b": f'[compass_b]\ndriver = "{second}"\nport = "{{port}}"\nbaud = 38400\n',
             "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
+            "wind": '[wind]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
+            "depth": '[depth]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
             "link": '[link]\nurls = ["serial:{port}:57600"]\n',
         }
         if second_compass:
@@ -196,6 +205,10 @@ class Boat:
             self.charger = Impaired(VeDirectEmulator(self.plant, Kind.CHARGER), rng(7))
             self.monitor = Impaired(VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), rng(8))
             devices |= {"power": self.charger, "power_b": self.monitor}
+        if instruments is not None:
+            self.wind = Impaired(NmeaWindEmulator(self.world, rng(9)), rng(10))
+            self.depth = Impaired(NmeaDepthEmulator(self.world, rng(11), transducer_m=0.5), rng(12))
+            devices |= {"wind": self.wind, "depth": self.depth}
         for name in without:
             del devices[name]
         self.board = Board(self.world, devices, directory, self.time.send)

@@ -89,12 +89,14 @@ class Hil:
         speed="real",
         seconds=MAX_RUN_S,
         nimble=True,
+        disturbances="",
     ):
         self.out = directory / "run"
         self.ports = unused_ports(kinds)
         self.firmware_log = self.out / "firmware.log"
         urls = [f"{kind}:127.0.0.1:{port}" for kind, port in zip(kinds, self.ports, strict=True)]
         words = ["run", scenario, "--goal", goal, "--speed", speed, "--seconds", str(seconds), "--out", str(self.out)]
+        words += ["--with", disturbances] if disturbances else []
         if nimble:
             (directory / "boat.toml").write_text(NIMBLE_BOAT)
             words += ["--vehicle", str(directory / "boat.toml")]

@@ -77,6 +77,13 @@ _COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, Converter]]]] = {
         "Sun": ("solar_w", _identity),
         "Load": ("load_w", _identity),
     },
+    "WNDG": {
+        "Spd": ("wind_m_s", _identity),
+        "Dir": ("wind_from_deg", compass_degrees),
+        "Mean": ("mean_wind_m_s", _identity),
+        "Gust": ("gust_m_s", _identity),
+    },
+    "DEP": {"Depth": ("water_depth_m", _identity)},
 }
 NAMES: Final = tuple(name for columns in _COLUMNS.values() for name, _ in columns.values())
 _TEXT_COLUMNS, _BOOL_COLUMNS = frozenset({"mode"}), frozenset({"armed"})

@@ -238,6 +238,7 @@ def high_latency2(context: TelemetryContext) -> Message:
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0
     voltage_v, charge = boat.servo.voltage_v if boat.servo else None, None
+    wind = boat.wind if boat.wind_ok else None
     if boat.power is not None and boat.power.voltage_v is not None:
         voltage_v, charge = boat.power.voltage_v, boat.power.charge
     is_estimated = boat.rudder_estimate_rad is not None
@@ -259,8 +260,8 @@ def high_latency2(context: TelemetryContext) -> Message:
         airspeed=_fifths(boat.water.speed_m_s if boat.water else None),
         airspeed_sp=0,
         groundspeed=_fifths(fix.speed_over_ground_m_s if fix else None),
-        windspeed=0,
-        wind_heading=0,
+        windspeed=_fifths(wind.mean_m_s if wind else None),
+        wind_heading=_half_degrees(wind.mean_from_rad if wind else None),
         eph=UINT8_MAX,
         epv=UINT8_MAX,
         temperature_air=0,

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.reports import Estimate, Water
-from firmware_py.link.telemetry import identity, motion, status
+from firmware_py.link.telemetry import identity, motion, status, surroundings
 from firmware_py.link.telemetry.fields import TelemetryContext, boot_ms, to_float32
 from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -160,12 +160,14 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(192, "MAG_CAL_REPORT", status.mag_cal_report, 0.2, 0.05, None),
     TelemetryRow(193, "EKF_STATUS_REPORT", motion.ekf_status_report, 1.0, 0.2, _EXTRA3),
     TelemetryRow(230, "ESTIMATOR_STATUS", motion.estimator_status, 1.0, 0.2, _EXTRA3),
+    TelemetryRow(231, "WIND_COV", surroundings.wind_cov, 1.0, 0.2, _EXTRA3),
     TelemetryRow(235, "HIGH_LATENCY2", status.high_latency2, 0.0, 0.0, None),
     TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.2, 0.02, None),
     TelemetryRow(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.2, 0.02, None),
     TelemetryRow(301, "AIS_VESSEL", motion.ais_vessel, 4.0, 0.2, _EXTRA3),
     TelemetryRow(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
     TelemetryRow(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
+    TelemetryRow(11038, "WATER_DEPTH", surroundings.water_depth, 1.0, 0.2, _EXTRA3),
     *map(_named_row, NAMED_VALUES),
 )
 

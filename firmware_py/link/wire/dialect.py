@@ -29,6 +29,7 @@ class Addition(NamedTuple):
 
 
 _VARIANCE_FIELDS = tuple(f"{name}_variance" for name in ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt"))
+_WATER_DEPTH_FIELDS = ("lat", "lng", "alt", "roll", "pitch", "yaw", "distance", "temperature")
 ADDITIONS = (
     Addition(
         "MISSION_CURRENT",
@@ -145,6 +146,14 @@ ADDITIONS = (
         ("standard_mode", "custom_mode", "intended_custom_mode"),
     ),
     Addition("AVAILABLE_MODES_MONITOR", 437, 30, "<B", ("seq",), ("seq",)),
+    Addition(  # of ardupilotmega's definitions
+        "WATER_DEPTH",
+        11038,
+        47,
+        "<IiiffffffBB",
+        ("time_boot_ms", *_WATER_DEPTH_FIELDS, "id", "healthy"),
+        ("time_boot_ms", "id", "healthy", *_WATER_DEPTH_FIELDS),
+    ),
 )
 
 

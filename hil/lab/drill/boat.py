@@ -16,7 +16,9 @@ from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.emulator import Emulator
 from hil.devices.impairment import Impaired
 from hil.devices.nmea_compass import NmeaCompassEmulator
+from hil.devices.nmea_depth import NmeaDepthEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_wind import NmeaWindEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
@@ -43,15 +45,17 @@ SECTIONS = {
     "rudder": ("dynamixel", 57600),
     "power": ("vedirect", 19200),
     "power_b": ("vedirect", 19200),
+    "wind": ("nmea", 4800),
+    "depth": ("nmea", 4800),
 }
 
 
 class DrillBoat:
     """A simulated boat for fault drills; a context manager that starts and ends the autopilot process.
 
-    `fitted`: names of additional devices ("compass_b", "supply"). `plans`: plan files that are loaded before the start.
-    `goals`: goals for GUIDED. `world`: replaces a new world. The time of the world advances only in `run`, so that a
-    drill is reproducible.
+    `fitted`: names of additional devices ("compass_b", "supply", "instruments"). `plans`: plan files that are loaded
+    before the start. `goals`: goals for GUIDED. `world`: replaces a new world. The time of the world advances only in
+    `run`, so that a drill is reproducible.
     """
 
     def __init__(
@@ -90,12 +94,12 @@ class DrillBoat:
             self.attitude_b = AttitudeWithError(self.world)
             devices["compass_b"] = NmeaCompassEmulator(self.attitude_b, generator(seed, Stream.PHASES))
         if "supply" in fitted:
-            place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
-            self.plant = PowerPlant(Supply(), place, generator(seed, Stream.CLOUDS), lambda: self.servo.energy_j)
-            self.monitor = Impaired(
-                VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), generator(seed, Stream.POWER)
-            )
-            devices |= {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
+            devices |= self._make_supply(seed)
+        if "instruments" in fitted:
+            devices |= {
+                "wind": NmeaWindEmulator(self.world, generator(seed, Stream.WIND)),
+                "depth": NmeaDepthEmulator(self.world, generator(seed, Stream.DEPTH)),
+            }
         self._stack = ExitStack()
         self._stack.enter_context(reserved_cores())
         self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.post))
@@ -112,6 +116,13 @@ class DrillBoat:
         self.mode_before = ""  # the mode before the fault
         self.final_rudder_deg = self.max_rudder_deg = 0.0  # angle when the autopilot ended; largest magnitude
         self.errors_deg: list[tuple[float, float]] = []  # time, and heading minus goal, ten times per second
+
+    def _make_supply(self, seed: int) -> dict[str, Emulator]:
+        """Create panels, battery, charger and battery monitor."""
+        place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
+        self.plant = PowerPlant(Supply(), place, generator(seed, Stream.CLOUDS), lambda: self.servo.energy_j)
+        self.monitor = Impaired(VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), generator(seed, Stream.POWER))
+        return {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
 
     def __enter__(self) -> Self:
         """Start the autopilot."""

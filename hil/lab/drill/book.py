@@ -204,6 +204,19 @@ BOOK: tuple[Drill, ...] = (
         assign("monitor.silent", False), 18.0, 5.0, 2.0, is_on_course, ("Battery",), fitted=("supply",), can_pair=True,
     ),
     Drill(
+        "shallow water", "Water shallow", "Water no longer shallow", assign("world.start_depth_m", 15.0),
+        assign("world.start_depth_m", 30.0), 14.0, 34.0, 3.0,
+        all_of(has_mode("STEERING"),
+            stays_active("Water no longer shallow", assign("world.start_depth_m", 21.0), 40.0)),
+        ("Failsafe", "Mode"), "straight", fitted=("instruments",),
+        settings=AUTO_RESUME | {"DEPTH_MIN": 20.0, "FS_DEPTH_ACT": 2.0},
+    ),
+    Drill(
+        "strong wind", "Wind strong", "Wind no longer strong", assign("world.wind_m_s", 25.0),
+        assign("world.wind_m_s", 5.0), 100.0, 190.0, 3.0, has_mode("STEERING"), ("Failsafe", "Mode"), "straight",
+        fitted=("instruments",), settings=AUTO_RESUME | {"WIND_MAX": 15.0, "FS_WIND_ACT": 2.0},
+    ),
+    Drill(
         "computer busy for half a second", "Control loop late: deadlines skipped", "Control loop on time again",
         lambda boat: boat.server.stall(0.5), do_nothing, 2.0, 4.0, 0.1, can_pair=True,
     ),

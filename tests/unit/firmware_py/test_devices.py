@@ -6,7 +6,13 @@ from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode
 from support.line import FakeLine
 
-ROLES = {"compass": DeviceRole.COMPASS, "position": DeviceRole.POSITION, "rudder": DeviceRole.RUDDER}
+ROLES = {
+    "compass": DeviceRole.COMPASS,
+    "position": DeviceRole.POSITION,
+    "rudder": DeviceRole.RUDDER,
+    "wind": DeviceRole.WIND,
+    "depth": DeviceRole.DEPTH,
+}
 
 
 def closed_line():

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import fields
 
 import pytest
 
@@ -674,3 +675,23 @@ def test_start_problems_are_reported_with_the_first_tick(boat):
     reported = [problem in output.events for output in boat.link.outputs]
     assert reported == [problem in output.events for _, output, _ in boat.recorder.ticks]
     assert (reported[0], sum(reported)) == (True, 1)
+
+
+def test_wind_and_depth_are_read_after_the_command_and_passed_to_the_next_tick(boat):
+    parts = {field.name: getattr(boat, field.name) for field in fields(LoopParts) if field.init}
+    wind, depth, vessels = (FakeDevice(role) for role in (DeviceRole.WIND, DeviceRole.DEPTH, DeviceRole.AIS))
+    order = []
+    for device in (wind, depth, vessels):
+        device.receive = lambda _now_s, device=device: order.append(device)
+    wind.samples = [records.WindSample(0.0, 5.0, 1.0, records.WindReference.APPARENT)]
+    depth.samples = [records.DepthSample(0.0, 12.0)]
+    loop_parts = LoopParts(**parts | {"wind": wind, "depth": depth, "vessels": vessels})
+    run_for(loop_parts, 0.2)
+    first, second = (inputs for inputs, _, _ in boat.recorder.ticks)
+    assert [sample.wind_m_s for sample in first.wind] == [5.0]
+    assert [sample.depth_m for sample in first.depth] == [12.0]
+    assert (second.wind, second.depth) == ((), ())
+    assert order == [wind, depth, vessels] * 2  # the order of the views of a shared line
+    roles = set(loop_parts.health.latest)
+    assert {DeviceRole.WIND, DeviceRole.DEPTH, DeviceRole.AIS} <= roles
+    assert wind not in loop_parts.devices  # a silent sensor does not keep the process from a restart

@@ -92,6 +92,34 @@ def test_power_monitor_shares_the_port_of_compass_and_position(tmp_path, ports):
         close_all(devices.lines)
 
 
+WEATHER = whole_sentence("WIMWV,30.0,R,5.0,M,A") + whole_sentence("SDDPT,12.0,0.5")
+
+
+@pytest.mark.parametrize("shares", [True, False])
+def test_wind_and_depth_share_the_port_of_the_other_nmea_devices_or_have_their_own(tmp_path, ports, shares):
+    main_port, own_port = ports[0], ports[0] if shares else ports[1]
+    nmea = {"driver": "nmea", "baud": 38400}
+    data = {
+        **{name: nmea | {"port": main_port[1]} for name in ("compass", "position", "ais")},
+        **{name: nmea | {"port": own_port[1]} for name in ("wind", "depth")},
+        "rudder": {"driver": "volz", "port": main_port[1] + "r", "baud": 115200},
+    }
+    devices = open_devices(parse(data, tmp_path / "boat.toml"), wait=True)
+    try:
+        os.write(main_port[0], SHIP + NMEA + NMEA)
+        os.write(own_port[0], WEATHER)
+        for line in devices.lines:
+            if line.connected:
+                select.select([line], [], [], 60.0)
+        everything = (devices.compass, devices.position, devices.wind, devices.depth, devices.vessels)
+        for device in everything:
+            device.receive(0.2)
+        assert [len(device.poll()) for device in everything if device is not devices.position] == [2, 1, 1, 1]
+        assert len(devices.lines) == (2 if shares else 3)
+    finally:
+        close_all(devices.lines)
+
+
 def test_ais_by_udp(tmp_path, ports):
     (port,) = unused_ports(["udpin"])
     devices = open_vehicle(tmp_path, ports[0][1], ports[1][1], f"udp:{port}")

@@ -23,6 +23,7 @@ from firmware_py.cli.preflight import Level
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -30,6 +31,8 @@ from firmware_py.common.records import (
     HeadingSample,
     NorthReference,
     PositionSample,
+    WindReference,
+    WindSample,
 )
 from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.system.store import Store
@@ -276,6 +279,26 @@ def test_device_finding_depends_on_health_and_samples(sample, state, accepted, r
     samples = {"sample_count": 0 if sample is None else 30, "first_sample_s": 0.0, "last_sample": sample}
     finding = check_device(BenchDevice("compass", "nmea", "/dev/x", health=health, **samples))
     assert (finding.level, finding.subject, finding.values["rejected"]) == (level, "compass", rejected)
+    assert word in finding.text
+
+
+@pytest.mark.parametrize(
+    ("role", "sample", "accepted", "text", "level", "word"),
+    [
+        ("depth", DepthSample(3.0, 12.34, 0.5), 30, "", Level.PASS, "depth_m 12.34, transducer_m 0.5"),
+        ("depth", None, 30, "SDDPT: no bottom", Level.WARN, "SDDPT: no bottom; check the sensor if it should"),
+        ("depth", None, 0, "", Level.FAIL, "silent"),
+        ("wind", WindSample(3.0, 5.0, 1.0, WindReference.APPARENT), 30, "", Level.PASS, "apparent_wind_angle_deg 57.3"),
+        ("wind", WindSample(3.0, 5.0, 1.0, WindReference.NORTH), 30, "", Level.PASS, "wind_from_true_deg 57.3"),
+        ("wind", None, 1, "WIMWV: no wind", Level.WARN, "WIMWV: no wind"),
+        ("compass", None, 1, "no heading", Level.FAIL, "no heading"),
+    ],
+)
+def test_finding_of_wind_sensor_and_echo_sounder(role, sample, accepted, text, level, word):
+    health = DeviceHealth(3.0, DeviceRole.DEPTH, DeviceState.RUNNING, accepted, 0, text)
+    samples = {"sample_count": 0 if sample is None else 30, "first_sample_s": 0.0, "last_sample": sample}
+    finding = check_device(BenchDevice(role, "nmea", "/dev/x", health=health, **samples))
+    assert finding.level is level
     assert word in finding.text
 
 

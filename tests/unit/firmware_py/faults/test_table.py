@@ -18,6 +18,7 @@ VALUES = {
     **dict.fromkeys(("storage", "clock", "key", "station"), DeviceState.RUNNING),
     "station_age_s": 0.5, "station_timeout_s": 600.0,
     "late_age_s": None, "servo_restart_age_s": None,
+    "depth_m": 50.0, "depth_min_m": 20.0, "wind_m_s": 8.0, "wind_max_m_s": 15.0,
 }  # fmt: skip
 NORMAL = FaultInput(**dict.fromkeys(FaultInput.__struct_fields__, False) | VALUES)
 
@@ -32,7 +33,17 @@ def present_faults(**changes):
 
 def test_no_condition_is_present_in_normal_operation_or_without_data():
     assert present_faults() == []
-    missing = ("servo_temperature_c", "supply_v", "battery_charge", "battery_v", "storage", "clock", "station")
+    missing = (
+        "depth_m",
+        "wind_m_s",
+        "servo_temperature_c",
+        "supply_v",
+        "battery_charge",
+        "battery_v",
+        "storage",
+        "clock",
+        "station",
+    )
     assert present_faults(**dict.fromkeys(missing)) == []
 
 
@@ -49,6 +60,8 @@ def test_no_condition_is_present_in_normal_operation_or_without_data():
         (Fault.SUPPLY_LOW, {"supply_v": 11.0}, {"supply_v": 10.9}),
         (Fault.BATTERY_LOW, {"battery_charge": 0.3}, {"battery_charge": 0.299}),
         (Fault.BATTERY_LOW, {"battery_v": 12.0}, {"battery_v": 11.99}),
+        (Fault.WATER_SHALLOW, {"depth_m": 20.0}, {"depth_m": 19.99}),
+        (Fault.WIND_STRONG, {"wind_m_s": 15.0}, {"wind_m_s": 15.01}),
         (Fault.POWER_SILENT, {"power_silent": False}, {"power_silent": True}),
         (Fault.STORAGE_FULL, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FULL}),
         (Fault.STORAGE_FAILING, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FAULTY}),
@@ -72,6 +85,8 @@ def test_condition_is_present_beyond_its_limit(fault, absent, present):
         (Fault.SUPPLY_LOW, {"supply_v": 11.32}, {"supply_v": 11.34}),
         (Fault.BATTERY_LOW, {"battery_charge": 0.349}, {"battery_charge": 0.351}),
         (Fault.BATTERY_LOW, {"battery_v": 12.35}, {"battery_v": 12.37}),
+        (Fault.WATER_SHALLOW, {"depth_m": 21.99}, {"depth_m": 22.01}),
+        (Fault.WIND_STRONG, {"wind_m_s": 13.51}, {"wind_m_s": 13.49}),
         (Fault.BATTERY_CRITICAL, {"battery_charge": 0.149, "save_charge": 0.0}, {"battery_charge": 0.36}),
     ],
 )
@@ -104,6 +119,20 @@ def test_battery_faults_remain_set_without_data_until_their_limits_are_zero():
     assert present_faults(**unknown, faults=both) == LOW_AND_CRITICAL
     assert present_faults(**unknown, faults=both, save_charge=0.0, save_v=0.0) == LOW_AND_CRITICAL[1:]
     assert present_faults(battery_charge=None, faults=both) == []  # the voltage is normal
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "limit"),
+    [(Fault.WATER_SHALLOW, "depth_m", "depth_min_m"), (Fault.WIND_STRONG, "wind_m_s", "wind_max_m_s")],
+)
+def test_depth_and_wind_faults_remain_set_without_data_until_their_limit_is_zero(fault, value, limit):
+    bit = 1 << fault
+    assert present_faults(**{value: None}) == []
+    assert present_faults(**{value: None}, faults=bit) == [fault]
+    assert present_faults(**{value: None, limit: 0.0}, faults=bit) == []
+    for extreme in (0.0, 100.0):
+        assert present_faults(**{value: extreme, limit: 0.0}) == []
+        assert present_faults(**{value: extreme, limit: 0.0}, faults=bit) == []
 
 
 def test_age_alone_does_not_make_a_ground_station_silent():

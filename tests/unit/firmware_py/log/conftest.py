@@ -12,6 +12,7 @@ from firmware_py.common.intents import Arm, Request, SetParameter, SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -26,6 +27,8 @@ from firmware_py.common.records import (
     RudderFeedback,
     Severity,
     Tick,
+    WindReference,
+    WindSample,
 )
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
@@ -117,6 +120,8 @@ def make_inputs(index, rate_hz=2.0):
         )
         if index in requests
         else (),
+        wind=(WindSample(t_s, 8.1 / 3.0, 1.0 + index, WindReference(index)),) if index in requests else (),
+        depth=(DepthSample(t_s, 41.0 / 3.0, 0.4), DepthSample(t_s, 5.0)) if index in requests else (),
     )
 
 

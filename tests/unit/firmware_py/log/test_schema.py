@@ -44,7 +44,8 @@ def test_every_field_of_a_logged_record_has_a_column(row, record):
 
 
 def test_inputs_have_only_fields_that_are_logged():
-    names = ["tick", "headings", "positions", "rudder", "devices", "requests", "power", "vessels", "rudder_angles"]
+    names = ["tick", "headings", "positions", "rudder", "devices", "requests", "power", "vessels"]
+    names += ["rudder_angles", "wind", "depth"]
     assert [field.name for field in msgspec.structs.fields(Inputs)] == names
 
 

@@ -10,6 +10,7 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import (
+    DepthSample,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -32,6 +33,7 @@ from firmware_py.common.reports import (
     Navigation,
     Power,
     SwingReport,
+    Wind,
 )
 from firmware_py.core.state import State
 from firmware_py.core.step import step
@@ -135,6 +137,8 @@ def test_events_between_two_statuses_are_listed(boat):
 TARGET = Navigation(target_latitude_rad=0.1, target_longitude_rad=0.2, radius_m=40.0)
 POWER = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
 
+WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42, math.pi, sd_m_s=0.7, gust_m_s=8.12)
+
 
 @pytest.mark.parametrize(
     ("section", "changes", "values"),
@@ -156,6 +160,18 @@ POWER = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(720
             "power",
             {"power": POWER},
             {"battery_v": 13.12, "charge_percent": 87.6, "load_w": None, "solar_wh": 1.0, "discharged_wh": 2.0},
+        ),
+        (
+            "wind",
+            {"wind": WIND, "wind_ok": True, "t_s": 12.0},
+            {"ok": True, "age_s": 1.5, "wind_m_s": 5.1, "wind_from_deg": 90.0, "mean_wind_m_s": 4.4,
+             "mean_wind_from_deg": 180.0, "gust_m_s": 8.1, "apparent_wind_m_s": 6.1, "apparent_wind_deg": 270.0},
+        ),
+        ("wind", {"wind": Wind(10.0), "t_s": 30.0}, {"ok": False, "age_s": 20.0, "wind_m_s": None, "gust_m_s": None}),
+        (
+            "depth",
+            {"depth": DepthSample(10.5, 12.34, 0.5), "depth_ok": True, "t_s": 12.0},
+            {"ok": True, "age_s": 1.5, "depth_m": 12.3},
         ),
     ],
 )  # fmt: skip

@@ -88,6 +88,16 @@ def test_estimated_rudder_angle_is_shown_if_none_is_measured(rig):
     assert rig.values()["rudder_deg"] is None
 
 
+def test_wind_and_depth_are_empty_when_old(rig):
+    names, wind, depth = ("wind_m_s", "gust_m_s", "depth_m"), {"wind_m_s": 5.0, "gust_m_s": 8.0}, {"depth_m": 12.0}
+    rig.advance(wind={"ok": True, **wind}, depth={"ok": True, **depth})
+    values = rig.values()
+    assert [values[name] for name in names] == [5.0, 8.0, 12.0]
+    rig.advance(wind={"ok": False, **wind}, depth={"ok": False, **depth})
+    values = rig.values()
+    assert [values[name] for name in names] == [None] * 3
+
+
 def test_fault_has_its_remedy(rig):
     assert rig.poll()["now"]["status"]["faults"] == [{"fault": "POSITION_LOST", "remedy": "look at the antenna"}]
 

@@ -15,7 +15,10 @@ from hil.ship.scenarios import TABLE as SCENARIOS
 from hil.ship.scenarios import find_scenario, parse_scenario, with_disturbances
 from hil.ship.wave_speed import MAX_SPEED_RATIO
 
-ALL_OPTIONS = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
+ALL_OPTIONS = (
+    "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
+    ",wind=9:200,depth"
+)
 
 
 def test_text_of_parsed_options_gives_the_same_options():

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.devices import SECTIONS
 from firmware_py.sensors.mavlink_frames import Encoder, Message
-from firmware_py.vehicle import Vehicle
+from firmware_py.vehicle import Vehicle, read_device
 from hil.errors import UsageError
 from hil.ship import scenarios
 from hil.sim.adapters import open_adapters
@@ -128,6 +128,37 @@ def test_adapter_of_a_device_on_the_port_of_another_is_refused():
         open_adapters({"position": "/dev/x"}, devices, vehicle),
     ):
         pass
+
+
+@pytest.mark.parametrize(
+    ("sentences", "wind", "depth"),
+    [((), b"$WIMWV,", b"$SDDPT,"), (("MWD", "DBK"), b"$WIMWD,", b"$SDDBK,"), (("VWT", "DBS"), b"$WIVWT,", b"$SDDBS,")],
+)
+def test_wind_sensor_and_echo_sounder_send_the_sentences_of_the_vehicle_file(sentences, wind, depth):
+    names = dict(zip(("wind", "depth"), ((one,) if one else () for one in (*sentences, "", "")), strict=False))
+    values = {"driver": "nmea", "port": "/dev/x", "baud": 4800}
+    entries = {
+        name: read_device(name, values | ({"sentences": list(chosen)} if chosen else {}), name)
+        for name, chosen in names.items()
+    }
+    outputs = outputs_of(replace(standard_vehicle(), **entries), 1)
+    assert 2 <= outputs["wind"].count(wind) <= 3
+    assert 2 <= outputs["depth"].count(depth) <= 3
+
+
+def test_disturbances_wind_and_depth_add_their_sensors():
+    scenario = scenarios.parse_scenario("calm+wind=12:90:0,depth=30:0.5")
+    world = World(scenario, 1)
+    assert set(make_emulators(world, standard_vehicle(), 1)) - {"compass", "position", "rudder"} == {"wind", "depth"}
+    assert world.air_velocity_m_s() == pytest.approx((0.0, -12.0))
+    assert world.water_depth_m() == pytest.approx(30.0)
+    world.advance_to(100.0)
+    north_m = (world.latitude_deg() - 36.0) * 111_194.93
+    assert north_m > 20.0  # it starts to the north
+    assert world.water_depth_m() == pytest.approx(30.0 - 0.5 * north_m, abs=0.1)
+    only_depth = World(scenarios.parse_scenario("calm+depth"), 1)
+    assert "wind" not in make_emulators(only_depth, standard_vehicle(), 1)
+    assert only_depth.water_depth_m() == 50.0
 
 
 def test_every_driver_has_an_emulated_device():

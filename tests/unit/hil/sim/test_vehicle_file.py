@@ -89,6 +89,25 @@ own_mmsi = 235000099
     assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
 
 
+def test_wind_and_depth_keep_their_options(tmp_path):
+    sections = """
+[wind]
+driver = "nmea"
+port = "udp:10110"
+offset_deg = 5
+[depth]
+driver = "nmea"
+port = "/dev/ttyUSB2"
+baud = 9600
+sentences = ["DBT"]
+"""
+    (tmp_path / "boat.vehicle").write_text(WITHOUT_PARAMETER_FILE + sections)
+    data = tomllib.loads(file_text(load(tmp_path / "boat.vehicle"), {**PORTS, "wind": "/w", "depth": "/d"}, {}))
+    assert data["wind"] == {"driver": "nmea", "port": "/w", "baud": 38400, "offset_deg": 5.0}
+    assert data["depth"] == {"driver": "nmea", "port": "/d", "baud": 9600, "sentences": ["DBT"]}
+    assert {"wind", "depth"}.isdisjoint(tomllib.loads(file_text(standard_vehicle(), PORTS, {})))
+
+
 def test_another_device_replaces_its_section(tmp_path):
     (tmp_path / "boat.vehicle").write_text(WITHOUT_PARAMETER_FILE)
     vehicle = load(tmp_path / "boat.vehicle")

@@ -1,0 +1,25 @@
+"""Selection among NMEA sentences that repeat one measurement, as instruments send them in one burst."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Generic, TypeVar
+
+KindT = TypeVar("KindT")
+HOLD_S = 5.0  # time after which a better kind that has stopped is replaced
+
+
+class Preference(Generic[KindT]):
+    """Accepts a kind of sentence only if no better one has arrived within HOLD_S."""
+
+    def __init__(self, ranks: Mapping[KindT, int]) -> None:
+        """Store the rank of each kind; 0 is the best."""
+        self._ranks = ranks
+        self._last_s = [-math.inf] * (1 + max(ranks.values()))
+
+    def accepts(self, kind: KindT, now_s: float) -> bool:
+        """Return whether a valid measurement of this kind, received at now_s, is used."""
+        rank = self._ranks[kind]
+        self._last_s[rank] = now_s
+        return all(now_s - last_s > HOLD_S for last_s in self._last_s[:rank])
