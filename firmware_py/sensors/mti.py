@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -11,18 +10,17 @@ from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
+from firmware_py.common.records import DeviceHealth, HeadingSample, NorthReference
 from firmware_py.sensors import mti_protocol as xbus
-from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
-from firmware_py.sensors.message_error import CHECKSUM, MessageError
+from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S
+from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti_protocol import EACH_MESSAGE, DataId, Frame, Message
 from firmware_py.sensors.mti_reading import CAPTURE_FORMAT, Reading, read_data
+from firmware_py.sensors.packet_receiver import PacketReceiver
 
 REPLY_TIMEOUT_S = 0.5  # without an acknowledgement for this time, the set-up starts again
 DATA_TIMEOUT_S = 1.0  # without an orientation, or after a rejected command, the set-up starts again after this time
 WAKE_UP_S = 0.05  # pause between the reply to a wake-up message and the first command
-MAX_SAMPLES = 512  # between two polls
 
 _EULER_ANGLES_NED = DataId.EULER_ANGLES | Frame.NED
 
@@ -85,9 +83,8 @@ class MtiCompass:
         self._line = line
         self._required = required_output(options.rate_hz)
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / options.rate_hz)
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
-        self._framer = xbus.create_framer()
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
+        self._receiver = PacketReceiver(line, xbus.create_framer, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
+        self._monitor, self._samples = self._receiver.monitor, self._receiver.samples
         self._commands = {
             _Step.GO_TO_CONFIG: xbus.encode(Message.GO_TO_CONFIG),
             _Step.ASK_OUTPUT: xbus.encode(Message.OUTPUT_CONFIGURATION),
@@ -108,22 +105,17 @@ class MtiCompass:
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send at most one command and one reply."""
-        if self._monitor.notice_reopening():
-            self._framer = xbus.create_framer()
+        if self._receiver.notice_reopening():
             self._fault = ""
             self._restart_set_up(now_s)
-        data = self._line.read()
-        if data:
-            self._monitor.note_bytes(now_s)
-            for packet in self._framer.feed(data):
-                self._handle_packet(packet, now_s)
+        for packet in self._receiver.read(now_s):
+            if not packet.fault:
+                self._handle_packet(packet.data, now_s)
         self._continue_set_up(now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
+        return self._receiver.poll()
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; FAULTY while the status word of the device reports a fault."""
@@ -149,13 +141,8 @@ class MtiCompass:
         self._is_command_sent = self._line.write(self._commands[self._step])
         self._due_s = now_s + REPLY_TIMEOUT_S
 
-    def _handle_packet(self, packet: Packet, now_s: float) -> None:
-        if packet.fault:
-            # Skipped bytes without a header are noise or another protocol.
-            if packet.fault == CHECKSUM:
-                self._monitor.reject(now_s, CHECKSUM)
-            return
-        message, data = xbus.message_id(packet.data), xbus.payload(packet.data)
+    def _handle_packet(self, packet: bytes, now_s: float) -> None:
+        message, data = xbus.message_id(packet), xbus.payload(packet)
         self._monitor.note_unused(NO_HEADING_YET)
         try:
             if message == Message.MT_DATA2:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,21 +14,19 @@ from firmware_py.common.records import (
     Calibration,
     CalibrationState,
     DeviceHealth,
-    DeviceRole,
     HeadingSample,
     NorthReference,
 )
 from firmware_py.sensors import pni_protocol as pni
-from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
-from firmware_py.sensors.message_error import CHECKSUM, MessageError
+from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S
+from firmware_py.sensors.message_error import MessageError
+from firmware_py.sensors.packet_receiver import PacketReceiver
 from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import CAPTURE_FORMAT, Reading, read_data
 
 COMMAND_INTERVAL_S = 0.05  # the module confirms within milliseconds and has no error reply
 DATA_TIMEOUT_S = 1.0  # after this time without a heading, the module is configured again
-MAX_SAMPLES = 512  # between two polls
 
 _COMPONENTS = (Component.HEADING, Component.PITCH, Component.ROLL, Component.DISTORTION, Component.TEMPERATURE)
 _TRUE_NORTH_ID, _BIG_ENDIAN_ID, _MILS_ID = 2, 6, 15  # configuration ids
@@ -87,9 +84,8 @@ class PniCompass:
         self._configurations = (configuration_frames(rate_hz, 0), configuration_frames(rate_hz, 1))
         self._frames = self._configurations[0]
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / rate_hz)
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
-        self._framer = pni.create_framer()
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
+        self._receiver = PacketReceiver(line, pni.create_framer, max(SILENT_AFTER_S, 3.0 / rate_hz))
+        self._monitor, self._samples = self._receiver.monitor, self._receiver.samples
         self._step = 0  # index of the next frame; after the last one the driver waits for data
         self._due_s = 0.0  # time of the next frame or of the timeout
         self._has_headings = False  # whether there were headings after a set-up since the port was opened
@@ -103,16 +99,13 @@ class PniCompass:
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s, and send at most one command."""
-        if self._monitor.notice_reopening():
-            self._framer = pni.create_framer()
+        if self._receiver.notice_reopening():
             self._is_field_distorted = self._has_headings = False
             self._calibration = None
             self._restart_set_up(now_s)
-        data = self._line.read()
-        if data:
-            self._monitor.note_bytes(now_s)
-            for packet in self._framer.feed(data):
-                self._handle_packet(packet, now_s)
+        for packet in self._receiver.read(now_s):
+            if not packet.fault:
+                self._handle_packet(packet.data, now_s)
         if self._calibration is None:
             self._continue_set_up(now_s)
         else:
@@ -120,9 +113,7 @@ class PniCompass:
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
+        return self._receiver.poll()
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; FAULTY while the module reports a distorted magnetic field."""
@@ -173,16 +164,11 @@ class PniCompass:
             self._step += 1
         self._due_s = now_s + (self._data_timeout_s if self._step == len(self._frames) else COMMAND_INTERVAL_S)
 
-    def _handle_packet(self, packet: Packet, now_s: float) -> None:
-        if packet.fault:
-            # Skipped bytes without a header are noise or another protocol.
-            if packet.fault == CHECKSUM:
-                self._monitor.reject(now_s, CHECKSUM)
-            return
-        frame_id = pni.frame_id(packet.data)
+    def _handle_packet(self, packet: bytes, now_s: float) -> None:
+        frame_id = pni.frame_id(packet)
         self._monitor.note_unused(NO_HEADING_YET)
         if frame_id == Frame.DATA:
-            self._handle_data(pni.payload(packet.data), now_s)
+            self._handle_data(pni.payload(packet), now_s)
         elif frame_id == Frame.POWER_UP_DONE:
             if self._calibration is not None:
                 self._calibration = None
@@ -191,7 +177,7 @@ class PniCompass:
                 )
             self._restart_set_up(now_s)
         elif self._calibration is not None:
-            self._calibration.handle_frame(frame_id, pni.payload(packet.data), now_s)
+            self._calibration.handle_frame(frame_id, pni.payload(packet), now_s)
         elif frame_id in _CONFIRMATIONS and self._step < len(self._frames):
             self._due_s = now_s
 
