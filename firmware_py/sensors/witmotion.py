@@ -132,8 +132,9 @@ def ned_from_sensor(angles_deg: Vector) -> Matrix:
 class WitmotionCompass:
     """Reads the angles of the sensor, after it has confirmed that they are referenced to magnetic north.
 
-    With six axes (register 24 is 1) yaw drifts, so there is no heading. The registers are read at the start, every
-    CHECK_INTERVAL_S, and after a silence. The rate is set without being stored, so the flash memory is not worn; it is
+    With six axes (register 24 is 1) yaw drifts, so it is no heading: the device is faulty as a compass, and its samples
+    have no north, so a second one may use their yaw rate. The registers are read at the start, every CHECK_INTERVAL_S,
+    and after a silence. The rate is set without being stored, so the flash memory is not worn; it is
     stored only with `save_rate`, if it differs, and once. The checksum is only a sum, so a packet counts only directly
     after another one: two false packets in a row do not occur in noise.
     """
@@ -174,7 +175,7 @@ class WitmotionCompass:
         return self._receiver.monitor.health(now_s, self._fault() or (VERTICAL if self._is_vertical else ""))
 
     def _fault(self) -> str:
-        """Return why the angles are no heading, empty if they are one."""
+        """Return why the angles are no magnetic heading, empty if they are one."""
         if self._has_nine_axes is False:
             return "six-axis algorithm: no magnetic heading"
         return "" if self._has_field else "no magnetic field measured"
@@ -275,13 +276,13 @@ class WitmotionCompass:
             rates_rad_s = self._rates[1]
         boat = self._mounting.boat_attitude(ned_from_sensor(angles_deg), rates_rad_s)
         self._is_vertical = boat is None
-        if boat is None or self._fault():
+        if boat is None or not self._has_field:
             return
         self._receiver.samples.append(
             HeadingSample(
                 t_s=now_s,
                 heading_rad=boat.heading_rad,
-                reference=NorthReference.MAGNETIC,
+                reference=NorthReference.MAGNETIC if self._has_nine_axes else NorthReference.RELATIVE,
                 yaw_rate_rad_s=boat.yaw_rate_rad_s,
                 roll_rad=boat.roll_rad,
                 pitch_rad=boat.pitch_rad,

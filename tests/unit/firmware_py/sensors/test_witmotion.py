@@ -141,11 +141,13 @@ def test_headings_need_the_answer_about_the_algorithm(line, exchange):
     assert len(compass.poll()) == 1
 
 
-def test_six_axes_give_no_heading(line, exchange):
+def test_six_axes_give_no_heading_but_a_yaw_rate(line, exchange):
     compass = WitmotionCompass(line, WitmotionOptions())
     exchange(compass, 0.0)
-    exchange(compass, 0.01, FIELD, answer(1), angle(), angle())
-    assert compass.poll() == ()
+    exchange(compass, 0.01, FIELD, answer(1), TURN, angle())
+    (sample,) = compass.poll()
+    assert sample.reference is NorthReference.RELATIVE
+    assert math.degrees(sample.yaw_rate_rad_s) == pytest.approx(100.0, abs=0.05)
     health = compass.health(0.02)
     assert (health.state, health.text) == (DeviceState.FAULTY, "six-axis algorithm: no magnetic heading")
 
@@ -167,7 +169,7 @@ def test_algorithm_is_read_every_ten_seconds(compass, exchange):
     exchange(compass, 10.5, answer(1), angle())
     compass.poll()
     exchange(compass, 10.6, angle())
-    assert compass.poll() == ()
+    assert [sample.reference for sample in compass.poll()] == [NorthReference.RELATIVE]
 
 
 def test_option_omits_the_question_and_writes_nothing(line, exchange):
