@@ -78,7 +78,7 @@ class FeetechServo:
         self._torque_command: bool | None = None  # None: no command yet, nothing is written
         self._is_goal_due = self._is_reading_due = False
         self._last_reading_s = self._last_correction_s = -math.inf
-        self._has_steered = self._was_goal_last = False  # since the line was opened; with the last request
+        self._has_steered = self._was_write_last = False  # since the line was opened; with the last request
         self._is_marked = False  # whether the servo had the acceleration of the driver when it was last read
         self._had_torque = self._was_cut = False  # as last read, unless switched by the driver; cut by the servo
         self._retry_s: float | None = None
@@ -204,7 +204,7 @@ class FeetechServo:
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request was sent; the rest of an earlier reply cannot be in the reply to it."""
         self.parser.clear()
-        self._was_goal_last = request.goal is not None and request.block is None
+        self._was_write_last = request.block is None
         if request.block is not None:
             self._newest_read = request
             if request.block is not protocol.SETTINGS:
@@ -230,7 +230,7 @@ class FeetechServo:
         """Return the most urgent request: settings, state, correction, goal, reading."""
         is_goal_due = self._is_goal_due and self._torque_command is True and self._shaft_rad is not None
         if self._are_settings_due:
-            if self._settings is None and is_goal_due and self._has_steered and not self._was_goal_last:
+            if self._settings is None and is_goal_due and self._has_steered and not self._was_write_last:
                 return self._write_goal()
             return self._read(protocol.SETTINGS)
         settings, state = self._settings, self._state
@@ -256,7 +256,8 @@ class FeetechServo:
             ("operating mode", protocol.OPERATING_MODE, settings[protocol.OPERATING_MODE], POSITION_MODE),
             ("response level", protocol.RESPONSE_LEVEL, settings[protocol.RESPONSE_LEVEL], 1),
         )
-        is_on_required = self._torque_command is True and settings[protocol.OPERATING_MODE] == POSITION_MODE
+        is_goal_usable = self._shaft_rad is not None and settings[protocol.OPERATING_MODE] == POSITION_MODE
+        is_on_required = self._torque_command is True and is_goal_usable
         for name, address, present, required in rows:
             if address == protocol.OPERATING_MODE and present != required and state.torque:
                 break  # the torque first
@@ -308,11 +309,8 @@ class FeetechServo:
         return self._write(protocol.TORQUE, *switch, goal=counts, setting="torque")
 
     def _next_goal(self) -> int:
-        """Return the goal in counts, within the limits of the servo; without one the measured position."""
-        shaft_rad = self._shaft_rad
-        if shaft_rad is None:
-            shaft_rad = 0.0 if self._state is None or self._state.shaft_rad is None else self._state.shaft_rad
-        counts = protocol.CENTRE_COUNTS + shaft_rad / protocol.RADIANS_PER_COUNT
+        """Return the goal in counts, within the limits of the servo; only called with a goal."""
+        counts = protocol.CENTRE_COUNTS + (self._shaft_rad or 0.0) / protocol.RADIANS_PER_COUNT
         return round(clamp(counts, *protocol.angle_limits(self._settings)))
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
+from firmware_py.actuator.feetech import DRIVER, FeetechOptions, FeetechServo, feetech_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 COUNT_RAD = math.tau / 4096
@@ -94,10 +94,12 @@ def test_angle_is_measured_before_the_first_command(servo, line):
     assert feedback[-1].torque_on is False
 
 
-def test_command_without_an_angle_holds_the_measured_one(rig, servo):
-    servo.position = 1900
+def test_torque_is_not_switched_on_without_a_goal(rig, servo):
     rig.ticks(3, shaft_deg=math.nan)
-    assert servo.writes[1:] == [(40, bytes((1, 254)) + (1900).to_bytes(2, "little"), 0)]
+    assert servo.writes == [(41, b"\xfe", 0)]
+    assert rig.health().state is DeviceState.RUNNING
+    rig.ticks(2, shaft_deg=1.0)
+    assert servo.position == counts(1.0)
 
 
 def test_settings_are_corrected_in_ram_with_the_torque_off(rig, servo):
@@ -276,11 +278,22 @@ def test_goals_are_sent_to_a_silent_servo(running, servo, line):
     assert codes.count(2) >= 4
 
 
-def test_no_goal_is_sent_to_a_servo_that_has_not_steered(rig, servo):
+def test_no_goal_is_sent_to_a_servo_that_has_not_steered(rig, servo, line):
     servo.powered = False
-    rig.ticks(10, shaft_deg=10.0)
-    assert servo.writes == []
+    rig.ticks(1, shaft_deg=10.0)
     assert rig.health().state is DeviceState.STARTING
+    rig.ticks(10, shaft_deg=10.0)
+    assert {frame[4] for frame in line.written} == {2}
+    assert rig.health().state is DeviceState.STARTING
+
+
+def test_no_goal_is_sent_on_a_reopened_line_before_a_reply(running, servo, line):
+    line.unplug()
+    line.plug()
+    servo.powered = False
+    line.written.clear()
+    running.ticks(10, shaft_deg=10.0)
+    assert {frame[4] for frame in line.written} == {2}
 
 
 def test_error_with_torque_is_reported_and_the_servo_follows(running, servo):
@@ -365,9 +378,15 @@ def test_overload_with_torque_is_reset_after_three_seconds(running, servo):
     assert len(switched_on(servo)) == 1
 
 
-def test_servo_with_a_warning_engages_at_once(running, servo):
-    running.ticks(2, torque_on=False)
+def test_servo_with_a_warning_starts_at_once(rig, servo):
     servo.status = 1
+    rig.ticks(2, shaft_deg=10.0)
+    assert servo.position == counts(10.0)
+
+
+def test_servo_with_a_warning_engages_at_once(running, servo):
+    servo.status = 1
+    running.ticks(2)
     running.ticks(2, torque_on=False)
     running.ticks(1, shaft_deg=10.0)
     assert servo.position == counts(10.0)
@@ -400,6 +419,25 @@ def test_reply_of_another_servo_is_not_used(fakes, line, servo):
     assert rig.health().rejected == 0
 
 
+class OtherBaud:
+    """A servo that sends at half the baud rate of the line: each of its bits is received as two."""
+
+    def __init__(self, servo):
+        self.servo = servo
+
+    def handle(self, frame):
+        bits = "".join("0" + f"{byte:08b}"[::-1] + "1" for byte in self.servo.handle(frame))
+        doubled = "".join(2 * bit for bit in bits)
+        return bytes(int(doubled[start + 1 : start + 9][::-1], 2) for start in range(0, len(doubled) - 9, 10))
+
+
+def test_bytes_of_another_baud_rate_give_no_feedback(fakes, servo):
+    rig = fakes.rig(feetech_rudder(fakes.line(OtherBaud(servo)), FeetechOptions()))
+    assert rig.ticks(30, shaft_deg=10.0) == []
+    assert servo.writes == []
+    assert (rig.health().state, rig.health().text) == (DeviceState.STARTING, "no reply from servo id 1")
+
+
 def test_lost_byte_that_equals_the_next_header_gives_no_angle(running, servo, line):
     """Without it, and with the first byte of the next reply as checksum, the sum of this reply is correct."""
     servo.position = 2047
@@ -415,8 +453,132 @@ def test_lost_byte_that_equals_the_next_header_gives_no_angle(running, servo, li
     assert {round(sample.shaft_rad / COUNT_RAD) for sample in feedback} == {-1}
 
 
-def test_other_id_is_used(fakes):
-    servo = fakes.feetech(device_id=253)
-    rig = fakes.rig(feetech_rudder(fakes.line(servo), FeetechOptions(id=253)))
+def test_request_is_given_up_after_the_longest_exchange(line, servo):
+    servo.powered = False
+    rudder = feetech_rudder(line, FeetechOptions())
+    timeout_s = 0.016 + 111 * 10 / 1_000_000  # of a USB adapter, and of 8 + 52 bytes and 0.51 ms
+    for now_s, count in ((0.0, 1), (timeout_s - 1e-6, 1), (timeout_s + 1e-6, 2)):
+        rudder.receive(now_s)
+        assert len(line.written) == count
+
+
+def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fakes):
+    line = fakes.line()
+    rudder = feetech_rudder(line, FeetechOptions())
+    rudder.receive(0.0)
+    assert rudder.needs_prompt_io()
+    for _ in range(7):  # settings, state, acceleration, state, settings, torque, state
+        rudder.command(RudderCommand(0.1, True), 1.0)
+        line.inbox += servo.handle(line.written[-1])
+        rudder.receive(1.0)
+    assert line.written[-1][4:6] == bytes((3, 42))
+    assert rudder.needs_prompt_io()  # for the reading
+    line.inbox += servo.handle(line.written[-1])
+    rudder.receive(1.0)
+    assert line.written[-1][4:6] == bytes((2, 40))
+    assert not rudder.needs_prompt_io()
+    rudder.command(RudderCommand(0.1, False), 1.02)
+    assert rudder.needs_prompt_io()
+
+
+def test_lost_acknowledgement_and_lost_settings_do_not_change_the_length_of_the_next_read(rig, servo, line):
+    line.lose_replies = 1  # of the settings
+    rig.ticks(3)
+    line.lose_replies = 1  # of the goal
+    rig.ticks(3)
+    assert set(servo.reads) == {0, 40}
+
+
+class Conversation:
+    """Runs the protocol part of the driver with a servo that replies at once, at given times."""
+
+    def __init__(self, fake):
+        self.fake = fake
+        self.servo = FeetechServo(FeetechOptions())
+
+    def run(self, now_s, *, torque_on=True):
+        """Give a command and exchange frames until nothing is due; return the addresses of the writes."""
+        self.servo.command(0.1, now_s, torque_on=torque_on)
+        first = len(self.fake.writes)
+        while (request := self.servo.next_request(now_s)) is not None:
+            self.servo.note_sent(request, now_s)
+            for reply in self.servo.parser.feed(self.fake.handle(request.frame)):
+                self.servo.process_reply(request, reply, now_s, is_certain=True)
+        return [address for address, _, _ in self.fake.writes[first:]]
+
+
+@pytest.fixture
+def conversation(servo):
+    return Conversation(servo)
+
+
+def test_failed_correction_is_repeated_every_two_seconds(conversation, servo):
+    servo.ignored_addresses.add(40)
+    assert conversation.run(1.0) == [41, 40, 40, 40]
+    assert conversation.run(2.99) == []
+    assert conversation.run(3.0) == [40]
+    assert conversation.run(4.99) == []
+    assert conversation.run(5.0) == [40]
+
+
+def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(conversation, servo):
+    conversation.run(1.0)
+    servo.cut_torque(32)
+    servo.ignored_addresses.add(40)
+    assert conversation.run(2.0) == [42]  # before the error is read
+    assert conversation.run(4.99) == []
+    assert conversation.run(5.0) == [40]
+    assert conversation.run(34.99) == []
+    assert conversation.run(35.0) == [40]
+
+
+def test_next_error_waits_for_the_end_of_the_30_s(conversation, servo):
+    conversation.run(1.0)
+    servo.cut_torque(32)
+    conversation.run(2.0)
+    assert conversation.run(5.0) == [40]
+    servo.status = 0
+    conversation.run(6.0)
+    servo.cut_torque(32)
+    conversation.run(7.0)
+    assert conversation.run(34.99) == []
+    assert conversation.run(35.0) == [40]
+    servo.status = 0
+    conversation.run(36.0)
+    assert conversation.run(65.0) == [42]  # 30 s are over
+    servo.cut_torque(32)
+    conversation.run(65.5)
+    assert conversation.run(68.49) == []
+    assert conversation.run(68.5) == [40]
+
+
+def test_state_from_before_a_correction_is_read_again(conversation, servo):
+    """Its reply is late; the servo was not locked at that time."""
+    servo.registers[55] = 0
+    conversation.servo.command(0.1, 1.0, torque_on=True)
+    requests = []
+    for now_s in (1.0, 1.1):  # settings and state
+        requests.append(conversation.servo.next_request(now_s))
+        conversation.servo.note_sent(requests[-1], now_s)
+        replies = conversation.servo.parser.feed(servo.handle(requests[-1].frame))
+        conversation.servo.process_reply(requests[-1], replies[0], now_s, is_certain=True)
+    late_reply = replies[0]
+    correction = conversation.servo.next_request(1.2)
+    conversation.servo.note_sent(correction, 1.2)
+    servo.handle(correction.frame)
+    conversation.servo.process_reply(requests[-1], late_reply, 1.1, is_certain=True)
+    assert conversation.servo.next_request(1.2).block is not None
+    assert conversation.run(1.3) == [55, 40]
+
+
+def test_driver_needs_a_serial_port():
+    assert DRIVER.writes
+    assert (DRIVER.interface, DRIVER.options, DRIVER.device) == (1, FeetechOptions, "Feetech STS and SMS bus servos")
+
+
+@pytest.mark.parametrize("device_id", [0, 253])
+def test_other_id_is_used(fakes, device_id):
+    servo = fakes.feetech(device_id=device_id)
+    rig = fakes.rig(feetech_rudder(fakes.line(servo), FeetechOptions(id=device_id)))
     rig.ticks(3, shaft_deg=4.0)
     assert servo.position == counts(4.0)

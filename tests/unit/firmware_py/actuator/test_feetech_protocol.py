@@ -94,6 +94,13 @@ def test_header_of_four_bytes_of_which_three_are_equal():
     assert protocol.ReplyParser(1).feed(b"\xff\xff\xff" + reply()) == [protocol.Reply(0, b"")]
 
 
+def test_reply_in_single_bytes_is_decoded_after_the_last_one():
+    parser = protocol.ReplyParser(1)
+    frame = b"\xff" + reply(state_block(), status=1)
+    replies = [parser.feed(frame[place : place + 1]) for place in range(len(frame))]
+    assert replies == [[]] * (len(frame) - 1) + [[protocol.Reply(1, state_block())]]
+
+
 def test_clear_discards_the_start_of_a_reply():
     parser = protocol.ReplyParser(1)
     frame = reply(state_block())
@@ -155,6 +162,7 @@ def settings(low, high):
     [
         (0, 4095, (0, 4095)),
         (1000, 3000, (1000, 3000)),
+        (1000, 4095, (1000, 4095)),
         (0, 0, (0, 4095)),  # several turns
         (3000, 3000, (0, 4095)),
         (3000, 1000, (0, 4095)),

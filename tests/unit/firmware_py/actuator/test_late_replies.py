@@ -210,6 +210,20 @@ def test_constant_reply_delay_of_a_feetech_is_no_fault(fakes, reply_delay_s):
     assert len(servo.writes) >= 100
 
 
+def test_shortest_read_of_a_feetech_is_used_again_after_a_reply_in_time(fakes):
+    servo = fakes.feetech()
+    delay_s = [0.002]
+    rig, _ = late_rig(fakes, servo, lambda: delay_s[0], feetech, baud=115_200)
+    rig.ticks(CONFIGURED_TICKS)
+    for reply_delay_s, is_shortest in ((0.002, True), (0.12, False), (0.002, True)):
+        delay_s[0] = reply_delay_s
+        rig.ticks(4)
+        servo.reads.clear()
+        rig.ticks(60)
+        assert (set(servo.reads) == {40}) is is_shortest
+        assert set(servo.reads) <= {25, 28, 34, 37, 40}
+
+
 @given(DELAYS, st.sampled_from([0.1, 0.04, 0.02, 0.5]), st.sampled_from([115_200, 1_000_000]))
 def test_feedback_of_a_feetech_after_any_delays_is_not_newer_than_stated(fakes, delays, period_s, baud):
     servo = fakes.feetech()
