@@ -1,5 +1,7 @@
 """Selection of a flight controller, requests of its messages, and the closed list of messages that leave."""
 
+from functools import partial
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -96,6 +98,7 @@ def test_two_boards_with_alternating_heartbeats_and_many_ghosts_do_not_prevent_t
     rig.receive(0.1, board.heartbeat(), Board(2).heartbeat(), board.heartbeat())
     rig.receive(0.2, board.attitude())
     assert len(rig.frames) == 1
+    assert len(rig.connection._candidates) <= 8
 
 
 def test_selection_is_repeated_after_reopening(rig, board):
@@ -200,12 +203,33 @@ def test_all_messages_are_requested_again_after_a_restart_of_the_board(rig, boar
     assert rig.connection.restarts == restarts + 1
 
 
-def test_all_messages_are_requested_again_after_a_gap_of_the_heartbeats(rig, board):
+def test_time_since_boot_of_other_messages_runs_back(rig, board):
     rig.select(board)
-    requests_over_time(rig, 5.0, board.heartbeat(), board.attitude(), board.ekf(), from_s=0.1)
-    rig.receive(6.0, board.heartbeat(), board.attitude(), board.ekf())
-    assert requested(rig.receive(8.4, board.heartbeat(), board.attitude(), board.ekf())) == []
-    assert requested(rig.receive(11.0, board.heartbeat())) == BOTH
+    position = partial(
+        dialect.MAVLink_global_position_int_message, lat=1, lon=2, alt=3, relative_alt=4, vx=5, vy=6, vz=7, hdg=8
+    )
+    for message in (dialect.MAVLink_system_time_message(0, 60_000), dialect.MAVLink_system_time_message(0, 50_000)):
+        rig.receive(0.5, board.pack(message))
+    assert rig.connection.restarts == 3
+    rig.receive(0.6, board.pack(position(49_500)))
+    assert rig.connection.restarts == 3
+    rig.receive(0.7, board.pack(position(1000)))
+    assert rig.connection.restarts == 4
+
+
+@pytest.mark.parametrize(("gap_s", "is_requested"), [(2.4, False), (2.6, True)])
+def test_all_messages_are_requested_again_after_a_gap_of_the_heartbeats(rig, board, gap_s, is_requested):
+    rig.select(board)
+    requests_over_time(rig, 4.9, board.heartbeat(), board.attitude(), board.ekf(), from_s=0.1)
+    requests_over_time(rig, gap_s - 0.1, board.attitude(), board.ekf(), from_s=5.0)
+    assert requested(rig.receive(4.9 + gap_s, board.heartbeat())) == (BOTH if is_requested else [])
+
+
+def test_refusal_is_forgotten_after_a_restart(rig, board):
+    rig.select(board)
+    rig.receive(0.5, board.attitude(boot_ms=60_000), board.acknowledgement(3))
+    rig.receive(0.6, board.attitude(boot_ms=1000))
+    assert kinds(rig.receive(1.7)) == ["HEARTBEAT", REQUEST, REQUEST]
 
 
 def test_only_heartbeats_and_requests_leave_whatever_arrives(rig):

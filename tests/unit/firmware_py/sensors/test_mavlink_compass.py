@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.mavlink_compass import MavlinkCompass, MavlinkCompassOptions
 from hil.devices.mavlink_board import MavlinkBoardEmulator, Software
-from support.flight_controller import PX4, Board, requested
+from support.flight_controller import PX4, Board, decode_all, requested
 
 NOT_READY, UNINITIALIZED = 0x033E, 0x0401
 
@@ -177,6 +177,7 @@ def test_states_without_headings(line):
 def test_messages_are_requested_at_the_rate_of_the_vehicle_file(line):
     Rig(line, rate_hz=20)
     assert requested(line.written) == [(30, 50_000), (193, 500_000)]
+    assert {message.get_srcComponent() for message in decode_all(line.written)} == {191}
 
 
 class Turning:

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState, FixType
 from firmware_py.sensors.mavlink_position import MavlinkPosition, MavlinkPositionOptions
-from support.flight_controller import Board, requested
+from support.flight_controller import Board, decode_all, requested
 
 UTC_S = 1_767_225_600.25
 
@@ -168,6 +168,7 @@ def test_restart_of_the_board_discards_fix_and_time(line):
 def test_requested_messages(line, solution, messages):
     Rig(line, solution=solution, rate_hz=2)
     assert requested(line.written) == messages
+    assert {message.get_srcComponent() for message in decode_all(line.written)} == {192}
 
 
 def test_silent_board(rig):

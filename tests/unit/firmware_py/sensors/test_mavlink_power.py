@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState
 from firmware_py.sensors.mavlink_power import MavlinkPower, MavlinkPowerOptions
-from support.flight_controller import Board, requested
+from support.flight_controller import Board, decode_all, requested
 
 NO_CELL = 0xFFFF
 
@@ -101,6 +101,7 @@ def test_impossible_values_are_rejected(rig, values):
 
 def test_requested_messages_and_silence(rig):
     assert requested(rig.line.written) == [(147, 1_000_000), (1, 1_000_000)]
+    assert {message.get_srcComponent() for message in decode_all(rig.line.written)} == {193}
     assert rig.power.health(0.1).text == "connected, no battery yet"
     rig.samples(1.0, battery())
     assert rig.power.health(6.0).state is DeviceState.RUNNING
