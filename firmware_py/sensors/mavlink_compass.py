@@ -20,7 +20,7 @@ from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import NO_HEADING_YET, DeviceMonitor
 from firmware_py.sensors.mavlink_board import (
     COMPASS_COMPONENT,
     FlightController,
@@ -82,7 +82,7 @@ class MavlinkCompass:
     def __init__(self, line: ByteLine, options: MavlinkCompassOptions) -> None:
         """Store line and options."""
         self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
+        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
         wanted = (
             Wanted(Message.ATTITUDE, options.rate_hz, Stream.EXTRA1),
             Wanted(Message.EKF_STATUS_REPORT, STATUS_RATE_HZ, Stream.EXTRA3, MAV_AUTOPILOT_ARDUPILOTMEGA),

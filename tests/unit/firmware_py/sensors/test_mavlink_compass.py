@@ -132,7 +132,9 @@ def test_no_heading_after_a_restart_until_the_next_status(rig, is_reopened):
         (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0),
         (0.0, math.inf, 0.0, 0.0, 0.0, 0.0),
         (0.0, 1.6, 0.0, 0.0, 0.0, 0.0),
+        (0.0, -1.6, 0.0, 0.0, 0.0, 0.0),
         (3.2, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (-3.2, 0.0, 0.0, 0.0, 0.0, 0.0),
         (0.0, 0.0, math.nan, 0.0, 0.0, 0.0),
         (0.0, 0.0, 6.3, 0.0, 0.0, 0.0),
         (0.0, 0.0, -3.2, 0.0, 0.0, 0.0),
@@ -153,6 +155,14 @@ def test_yaw_of_either_range_is_read(rig, yaw_rad, heading_rad):
     attitude = rig.board.pack(dialect.MAVLink_attitude_message(1, 0.0, 0.0, yaw_rad, 0.0, 0.0, 0.0))
     (sample,) = rig.samples(1.0, rig.board.ekf(), attitude)
     assert sample.heading_rad == pytest.approx(heading_rad, abs=1e-6)
+
+
+@pytest.mark.parametrize("angles", [(math.pi, math.pi / 2, math.tau), (-math.pi, -math.pi / 2, -math.pi)])
+def test_limits_in_single_precision_are_accepted(rig, angles):
+    """Single precision rounds all these limits outwards."""
+    attitude = rig.board.pack(dialect.MAVLink_attitude_message(1, *angles, 40.0, -40.0, 0.0))
+    (sample,) = rig.samples(1.0, rig.board.ekf(), attitude)
+    assert abs(sample.roll_rad) <= math.pi
 
 
 def test_second_autopilot_is_ignored_and_reported(rig):
