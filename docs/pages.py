@@ -151,6 +151,7 @@ def sentence_table() -> str:
         "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.OTHER_SENTENCES},
         "`[wind]`": nmea_wind.WIND_SENTENCES,
         "`[depth]`": nmea_depth.DEPTH_SENTENCES,
+        "`[rudder_angle]`": {"RSA"},
         "`rambler-hil identify`": nmea_capture.USED_SENTENCES,
     }
     rows = []

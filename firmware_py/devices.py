@@ -12,7 +12,17 @@ from functools import partial
 from typing import Any, Final, TypeVar
 
 from firmware_py.common.driver import INTERFACE, CaptureFormat, Driver
-from firmware_py.common.interfaces import Calibrator, Compass, Depth, Position, Power, Rudder, Vessels, Wind
+from firmware_py.common.interfaces import (
+    Calibrator,
+    Compass,
+    Depth,
+    Position,
+    Power,
+    Rudder,
+    RudderAngle,
+    Vessels,
+    Wind,
+)
 from firmware_py.common.options import record_from
 from firmware_py.common.records import (
     DepthSample,
@@ -20,6 +30,7 @@ from firmware_py.common.records import (
     HeadingSample,
     PositionSample,
     PowerSample,
+    RudderAngleSample,
     RudderFeedback,
     WindSample,
 )
@@ -109,7 +120,12 @@ RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
         "dynamixel": "firmware_py.actuator.dynamixel:DRIVER",
         "volz": "firmware_py.actuator.volz:DRIVER",
         "feetech": "firmware_py.actuator.feetech:DRIVER",
+        "maestro": "firmware_py.actuator.maestro:DRIVER",
+        "pwm": "firmware_py.actuator.pwm:DRIVER",
     },
+)
+RUDDER_ANGLES: DriverRegistry[RudderAngle] = DriverRegistry(
+    "rudder_angle", DeviceRole.RUDDER_ANGLE, (RudderAngleSample,), {"nmea": "firmware_py.sensors.nmea_rudder:DRIVER"}
 )
 POWERS: DriverRegistry[Power] = DriverRegistry(
     "power",
@@ -136,6 +152,7 @@ SECTIONS: Mapping[str, DriverRegistry[Any]] = {
     "compass_b": COMPASSES,
     "position": POSITIONS,
     "rudder": RUDDERS,
+    "rudder_angle": RUDDER_ANGLES,
     "power": POWERS,
     "power_b": POWERS,
     "ais": AIS,

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -38,6 +39,9 @@ from firmware_py.system.network_line import NetworkLine
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
 from firmware_py.system.watchdogs import Watchdogs, is_in_uninterruptible_wait
+
+if TYPE_CHECKING:
+    from firmware_py.system.pwm_line import PwmLine
 
 # The link is not served within this time before a deadline, or within this fraction of a short period.
 GUARD_S = 0.003
@@ -75,7 +79,7 @@ class LoopParts:
     link: Link
     recorder: Recorder | None
     store: Store
-    lines: Sequence[SerialPort | NetworkLine]
+    lines: Sequence[SerialPort | NetworkLine | PwmLine]
     print_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
@@ -84,8 +88,8 @@ class LoopParts:
     compass_b: Compass | None = None
     compass_b_is_prompt: bool = True  # False for a gyroscope, which sends a hundred times a second
     power: tuple[Power, ...] = ()
-    vessels: Vessels | None = None  # read after the rudder command is sent
     rudder_angle: RudderAngle | None = None
+    vessels: Vessels | None = None  # read after the rudder command is sent
     wind: Wind | None = None  # likewise, before the vessels, with which they may share a line
     depth: Depth | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)

@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A checked vehicle file; compasses, position, power, AIS, wind and depth may share a port."""
+    """A checked vehicle file; all devices but the rudder and the second power monitor may share a port."""
 
     name: str
     compass: DeviceEntry
@@ -79,13 +79,15 @@ class Vehicle(msgspec.Struct, frozen=True):
     ais: DeviceEntry | None = None
     wind: DeviceEntry | None = None
     depth: DeviceEntry | None = None
+    rudder_angle: DeviceEntry | None = None
 
 
 MAX_BYTES = 1 << 20  # of a vehicle or parameter file
 NETWORK, _NO_BAUD = ("udp:", "tcp:", "can:"), 38400  # prefixes of network ports; placeholder for their rate
+PWM, PWM_EXAMPLE = "pwm:", "a PWM output, as pwm:/sys/class/pwm/pwmchip0/0"
 _MAX_CHARACTERS = 60  # of a name in a message
 _MAX_BITS = 4096  # of an integer, because Python limits the conversion of integers to text
-_OPTIONAL = ("position", "compass_b", "power", "power_b", "ais", "wind", "depth")  # devices
+_OPTIONAL = ("position", "compass_b", "power", "power_b", "ais", "wind", "depth", "rudder_angle")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
 
@@ -236,14 +238,18 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
     own = {key: value for key, value in section.items() if key not in _CONNECTION and not found.problem}
     names = tuple(row.name for row in fields(kind))
     connection_values = {key: section[key] for key in _CONNECTION if key in section}
-    by_network = str(section.get("port")).startswith(NETWORK)
+    port = str(section.get("port"))
+    by_network = port.startswith(NETWORK)
+    if not port.startswith(found.port) or (port.startswith(PWM) and not found.port and not found.problem):
+        example = PWM_EXAMPLE if found.port == PWM else "a serial port"
+        raise VehicleError(f"{location} port: driver {driver} needs {example}")
     if by_network and found.writes:
         raise VehicleError(f"{location} port: driver {driver} writes to its device and needs a serial port")
     _, values = _read_all(
         {
             "names": lambda: _check_options(own, driver, names, location),
             "connection": lambda: _read_record(
-                _Connection, ({"baud": _NO_BAUD} if by_network else {}) | connection_values, location
+                _Connection, ({"baud": _NO_BAUD} if by_network or found.port else {}) | connection_values, location
             ),
             "options": lambda: _read_record(kind, {key: value for key, value in own.items() if key in names}, location),
         }

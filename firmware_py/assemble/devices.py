@@ -3,24 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 
 from firmware_py.common.driver import Driver
-from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Depth, Position, Power, Rudder, Vessels, Wind
+from firmware_py.common.interfaces import (
+    ByteLine,
+    Calibrator,
+    Compass,
+    Depth,
+    Position,
+    Power,
+    Rudder,
+    RudderAngle,
+    Vessels,
+    Wind,
+)
 from firmware_py.common.records import DeviceRole
-from firmware_py.devices import AIS, COMPASSES, DEPTHS, POSITIONS, POWERS, RUDDERS, SECTIONS, WINDS, calibrator_of
+from firmware_py.devices import (
+    AIS,
+    COMPASSES,
+    DEPTHS,
+    POSITIONS,
+    POWERS,
+    RUDDER_ANGLES,
+    RUDDERS,
+    SECTIONS,
+    WINDS,
+    calibrator_of,
+)
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.system.network_line import NetworkLine, TcpLine, UdpLine
 from firmware_py.system.port_users import find_port_users
 from firmware_py.system.serial_port import PortError, SerialPort
-from firmware_py.vehicle import DeviceEntry, Vehicle
+from firmware_py.vehicle import PWM, DeviceEntry, Vehicle
+
+if TYPE_CHECKING:
+    from firmware_py.system.pwm_line import PwmLine
 
 REOPEN_AFTER_S = 10.0  # after this time without received bytes, a port is reopened
 
-Line = SerialPort | NetworkLine
+Line: TypeAlias = "SerialPort | NetworkLine | PwmLine"
 
 
 def _create_can_line(port: str) -> NetworkLine:
@@ -46,6 +71,7 @@ class Devices(msgspec.Struct, frozen=True):
     wind: Wind | None
     depth: Depth | None
     lines: tuple[Line, ...]
+    rudder_angle: RudderAngle | None = None
 
 
 def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
@@ -71,25 +97,23 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
         wind = WINDS[wind_entry.driver].make(shared["wind"], wind_entry.options)
     if (depth_entry := vehicle.depth) is not None:
         depth = DEPTHS[depth_entry.driver].make(shared["depth"], depth_entry.options)
+    rudder_angle = None
+    if (sensor := vehicle.rudder_angle) is not None:
+        rudder_angle = RUDDER_ANGLES[sensor.driver].make(shared["rudder_angle"], sensor.options)
     open_lines(lines, wait=wait)
     calibrator = calibrator_of(vehicle.compass.driver, compass)
-    return Devices(compass, position, rudder, compass_b, calibrator, power, vessels, wind, depth, tuple(lines))
+    return Devices(
+        compass, position, rudder, compass_b, calibrator, power, vessels, wind, depth, tuple(lines), rudder_angle
+    )
 
 
 def _share_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
-    """Return the lines of the devices that may share a port, by name; those that do get views of one line.
+    """Return the lines of the devices that may share a port, by name.
 
-    The views must be read in this order. New lines are added to `lines`.
+    Devices that share a port get views of one line, which must be read in this order. New lines are added to `lines`.
     """
-    entries = {
-        "compass": vehicle.compass,
-        "compass_b": vehicle.compass_b,
-        "position": vehicle.position,
-        "power": vehicle.power,
-        "wind": vehicle.wind,
-        "depth": vehicle.depth,
-        "ais": vehicle.ais,
-    }
+    names = ("compass", "compass_b", "position", "power", "rudder_angle", "wind", "depth", "ais")
+    entries = {name: getattr(vehicle, name) for name in names}
     users: dict[str, dict[str, DeviceEntry]] = {}
     for name, entry in entries.items():
         if entry is not None:
@@ -110,7 +134,11 @@ def share_line(line: ByteLine, count: int) -> list[ByteLine]:
 
 
 def create_line(port: str, baud: int) -> Line:
-    """Return the line of a port of the vehicle file: serial, UDP, TCP or CAN."""
+    """Return the line of a port of the vehicle file: serial, UDP, TCP, CAN or a PWM output."""
+    if port.startswith(PWM):
+        from firmware_py.system.pwm_line import PwmLine  # noqa: PLC0415 - only for a servo without serial port
+
+        return PwmLine(port, baud)
     kind = _NETWORK.get(port.partition(":")[0])
     return SerialPort(port, baud, silent_s=REOPEN_AFTER_S) if kind is None else kind(port)
 

@@ -92,5 +92,6 @@ def _ports_by_role(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
         DeviceRole.AIS: vehicle.ais,
         DeviceRole.WIND: vehicle.wind,
         DeviceRole.DEPTH: vehicle.depth,
+        DeviceRole.RUDDER_ANGLE: vehicle.rudder_angle,
     }
     return {role: (entry.driver, entry.port) for role, entry in entries.items() if entry is not None}

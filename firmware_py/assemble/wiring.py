@@ -146,6 +146,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
         vessels=devices.vessels,
         wind=devices.wind,
         depth=devices.depth,
+        rudder_angle=devices.rudder_angle,
         link=endpoint,
         recorder=recorder,
         store=store,

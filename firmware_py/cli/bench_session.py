@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from firmware_py.assemble.devices import Line, create_line, share_line, shared_port_warnings
-from firmware_py.common.interfaces import Compass, Depth, Position, Power, Rudder, Vessels, Wind
+from firmware_py.common.interfaces import Compass, Depth, Position, Power, Rudder, RudderAngle, Vessels, Wind
 from firmware_py.common.records import (
     DepthSample,
     DeviceHealth,
     HeadingSample,
     PositionSample,
     PowerSample,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     WindSample,
@@ -28,6 +29,7 @@ from firmware_py.system.readings import (
     identity_values,
     position_values,
     power_values,
+    rudder_angle_values,
     rudder_values,
     vessel_values,
     wind_values,
@@ -38,6 +40,19 @@ from firmware_py.vehicle import DeviceEntry, Vehicle
 POLL_INTERVAL_S = 0.1
 # The servo is polled with torque off, so that listening does not move it.
 RELEASE_COMMAND = RudderCommand(0.0, torque_on=False)
+# Devices on one port are read in this order.
+SECTION_ORDER = (
+    "compass",
+    "rudder",
+    "compass_b",
+    "power",
+    "power_b",
+    "position",
+    "rudder_angle",
+    "wind",
+    "depth",
+    "ais",
+)
 
 Sample = (
     HeadingSample
@@ -48,6 +63,7 @@ Sample = (
     | VesselIdentity
     | WindSample
     | DepthSample
+    | RudderAngleSample
 )
 
 
@@ -58,7 +74,7 @@ class BenchDevice:
     role: str
     driver_name: str
     port: str
-    driver: Compass | Position | Rudder | Power | Vessels | Wind | Depth | None = None
+    driver: Compass | Position | Rudder | Power | Vessels | Wind | Depth | RudderAngle | None = None
     error: str = ""
     sample_count: int = 0
     first_sample_s: float | None = None
@@ -92,6 +108,7 @@ _FORMATTERS: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
     VesselIdentity: identity_values,
     WindSample: wind_values,
     DepthSample: depth_values,
+    RudderAngleSample: rudder_angle_values,
 }
 
 
@@ -121,7 +138,7 @@ class BenchSession:
         """Open each port; a failure sets the error of its devices."""
         self._clock = RealClock()
         groups: dict[str, list[tuple[str, DeviceEntry]]] = {}
-        for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "wind", "depth", "ais"):
+        for section in SECTION_ORDER:
             if (entry := getattr(vehicle, section)) is not None:
                 groups.setdefault(entry.port, []).append((section, entry))
         self.devices = [device for group in groups.values() for device in open_devices(group)]

@@ -47,6 +47,8 @@ _NO_ANGLE = (
     "(PREFLIGHT_CALIBRATION, param4 = 2), and run this without --amidships"
 )
 
+_NOT_MEASURED = "this servo measures no angle; set its pulses by hand: docs/how-to/hobby-servo.md"
+
 Proposal = Mapping[str, float]
 
 
@@ -190,6 +192,7 @@ class Bench:
         next_command_s, steps = start_s, 1.0
         if shaft_rad is not None and start_rad is not None:
             steps += abs(shaft_rad - start_rad) / radians(2.0)
+        has_feedback = False
         while True:
             now_s = self._clock.now_s()
             if now_s >= next_command_s:  # more frequent commands would delay the angle
@@ -200,9 +203,12 @@ class Bench:
             now_s = self._clock.now_s()
             self._rudder.receive(now_s)
             for feedback in self._rudder.poll():
+                has_feedback = True
                 if feedback.shaft_rad is not None:
                     feedback_s, self._last = now_s, ServoFeedback(feedback.shaft_rad, feedback.current_a)
             if now_s - feedback_s > MAX_SILENCE_S:
+                if has_feedback and shaft_rad is not None:
+                    raise BenchError(f"{self._device.port}: {_NOT_MEASURED}")
                 text = self._rudder.health(now_s).text
                 raise BenchError(f"{self._device.port}: {text or 'no angle from the servo'}; check power and wiring")
             last, waited_s = self._last, now_s - start_s

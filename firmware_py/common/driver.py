@@ -31,8 +31,8 @@ class Driver(Generic[DeviceT]):
     that it serves, for the documentation. A driver that `writes` to its device needs a serial port; the others can also
     read from the network. A compass without north (`has_north` False) measures turns only (NorthReference.RELATIVE) and
     is refused as the first compass. `calibrator` returns the calibrator of a device, None if it has none; `capture` is
-    the format for `rambler decode`. `problem` is why the driver of an installed package cannot be used, set by the
-    registry.
+    the format for `rambler decode`. `port` is the prefix of the port of a driver that needs another kind of line, such
+    as `pwm:`. `problem` is why the driver of an installed package cannot be used, set by the registry.
     """
 
     interface: int
@@ -43,4 +43,5 @@ class Driver(Generic[DeviceT]):
     has_north: bool = True
     calibrator: Callable[[Any], Calibrator] | None = None
     capture: CaptureFormat | None = None
+    port: str = ""
     problem: str = ""

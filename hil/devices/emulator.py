@@ -117,6 +117,9 @@ class Surroundings(Attitude, Whereabouts, Weather, Bottom, Protocol):
     def shaft(self) -> Shaft:
         """The shaft that the rudder servo moves."""
 
+    def rudder_rad(self) -> float:
+        """Return the true angle of the rudder now."""
+
     @property
     def now_s(self) -> float:
         """The present time of the world."""

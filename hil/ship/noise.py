@@ -33,6 +33,7 @@ class Stream(IntEnum):
     COMPASS_B = 18
     WIND = 19
     DEPTH = 20
+    RUDDER_ANGLE = 21
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -35,6 +35,8 @@ def open_adapters(
     paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle
 ) -> Iterator[dict[str, SerialLine]]:
     """Open the adapter of each device; the real line then takes the transfer time, not the transmitter."""
+    if "rudder" in paths and vehicle.rudder.driver == "pwm":
+        raise UsageError("--servo-port: a servo on a PWM output has no serial line; connect the servo itself")
     bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
     with ExitStack() as stack:
         lines = {}

@@ -12,20 +12,27 @@ from typing import Self
 from hil.devices.emulator import Emulator
 from hil.devices.network_line import NetworkLine
 from hil.devices.pty_line import PtyLine
+from hil.devices.pwm import PwmEmulator
+from hil.devices.pwm_channel import PwmChannel
 from hil.devices.serial_line import SerialLine
 from hil.sim.world import World
 
-Line = PtyLine | SerialLine | NetworkLine
+Line = PtyLine | SerialLine | NetworkLine | PwmChannel
 Send = Callable[[PtyLine, bytes], object]
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A line, the path by which the autopilot opens it, and the device behind it."""
+    """A line, its path, whose name is that of the device, and the device behind it."""
 
     path: Path
     line: Line
     emulator: Emulator
+
+    @property
+    def address(self) -> str:
+        """The port of the vehicle file, by which the autopilot opens the line."""
+        return self.line.address if isinstance(self.line, PwmChannel) else str(self.path)
 
 
 class Board:
@@ -43,7 +50,7 @@ class Board:
         *,
         wired: Mapping[str, Line] | None = None,
     ) -> None:
-        """Open a pty for each emulator in a directory, or use the line of its name in `wired`.
+        """Open a line for each emulator in a directory, a pty or a PWM output, or use that of its name in `wired`.
 
         `send` writes bytes to a pty: PtyLine.write in real time; in lockstep PtyLine.post, and the server then waits
         until the autopilot can read them.
@@ -52,7 +59,7 @@ class Board:
         self._send = send
         wired = wired or {}
         self.ports = tuple(
-            Port(directory / name, wired.get(name) or PtyLine(directory / name), emulator)
+            Port(directory / name, wired.get(name) or _open_line(directory / name, emulator), emulator)
             for name, emulator in emulators.items()
         )
         self._emulators = tuple(emulators.values())
@@ -73,13 +80,13 @@ class Board:
             port.line.close()
 
     def paths(self) -> dict[str, str]:
-        """Return the path of each line by its name."""
-        return {port.path.name: str(port.path) for port in self.ports}
+        """Return the port of each line in the vehicle file, by its name."""
+        return {port.path.name: port.address for port in self.ports}
 
     def port_at(self, path: str) -> Port:
         """Return the port with this path; raise KeyError if there is none."""
         for port in self.ports:
-            if str(port.path) == path:
+            if port.address == path:
                 return port
         raise KeyError(path)
 
@@ -124,3 +131,8 @@ class Board:
                     port.line.write(data)
                 deadline_s = min(deadline_s, read_deadline(port))
         return deadline_s
+
+
+def _open_line(path: Path, emulator: Emulator) -> Line:
+    """Open the line of a device at a path."""
+    return PwmChannel(path) if isinstance(emulator, PwmEmulator) else PtyLine(path)

@@ -78,6 +78,8 @@ SERVOS: Registry[EmulatedDevice] = Registry(
         "dynamixel": "hil.devices.dynamixel:EMULATOR",
         "volz": "hil.devices.volz:EMULATOR",
         "feetech": "hil.devices.feetech:EMULATOR",
+        "maestro": "hil.devices.maestro:EMULATOR",
+        "pwm": "hil.devices.pwm:EMULATOR",
     },
     EmulatedDevice,
     INTERFACE,
@@ -87,6 +89,9 @@ INSTRUMENTS: Mapping[str, Registry[EmulatedDevice]] = {
     name: Registry(EMULATORS, name, {"nmea": f"hil.devices.nmea_{name}:EMULATOR"}, EmulatedDevice, INTERFACE)
     for name in ("wind", "depth")
 }
+RUDDER_ANGLES: Registry[EmulatedDevice] = Registry(
+    EMULATORS, "rudder_angle", {"nmea": "hil.devices.nmea_rudder:EMULATOR"}, EmulatedDevice, INTERFACE
+)
 POSITION = EmulatedDevice(interface=INTERFACE, driver="nmea", baud=9600, make=_make_gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
@@ -154,6 +159,9 @@ def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Devic
         if (second := vehicle.compass_b) is not None:
             device = _find_device_of(COMPASSES, second.driver)
             devices["compass_b"] = device.make(context(second.baud, second.options, Stream.COMPASS_B, 0.1))
+        if (sensor := vehicle.rudder_angle) is not None:
+            device = _find_device_of(RUDDER_ANGLES, sensor.driver)
+            devices["rudder_angle"] = device.make(context(sensor.baud, sensor.options, Stream.RUDDER_ANGLE, 0.1))
         supply = _make_power(world, vehicle, devices, compass_device.shared_by, seed)
         devices = {name: device for name, device in devices.items() if name not in compass_device.shared_by}
         devices |= supply | _make_ais(world, vehicle, seed)

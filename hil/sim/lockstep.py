@@ -24,6 +24,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hil.devices.pty_line import PtyLine
+from hil.devices.pwm_channel import PwmChannel
 from hil.errors import HilError
 from hil.sim.board import Board, Port
 from hil.sim.pace import Pacer
@@ -188,7 +189,7 @@ class LockstepServer:
     def _receive_bytes(self, written: list[int]) -> None:
         for index, total in enumerate(written):
             port, line = self._ports[index], self._ports[index].line
-            if not (isinstance(line, PtyLine) and line.is_plugged):
+            if not (isinstance(line, PtyLine | PwmChannel) and line.is_plugged):
                 self._received_totals[index] = total  # bytes in transit are lost with the cable
                 continue
             if total < self._received_totals[index]:  # the port was reopened after the cable was plugged in again

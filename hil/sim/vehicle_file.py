@@ -38,7 +38,7 @@ from hil.sim.world import Mounting
 Section = dict[str, Any]
 
 LINK_BAUD = 57600
-_NO_PORT = "set by the board"
+_NO_PORT, _NO_PWM_PORT = "set by the board", "pwm:/set/by/the/board/0"
 
 
 def standard_vehicle() -> Vehicle:
@@ -79,7 +79,8 @@ def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Ve
 
 
 def _entry(section: str, device: EmulatedDevice) -> DeviceEntry:
-    values = {"driver": device.driver, "port": _NO_PORT, "baud": device.baud}
+    port = _NO_PWM_PORT if device.driver == "pwm" else _NO_PORT
+    values = {"driver": device.driver, "port": port, "baud": device.baud}
     return vehicle_format.read_device(section, values, f"[{section}]")
 
 
@@ -125,6 +126,11 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
             for name in ("power", "power_b")
             if name in ports
         },
+        **(
+            {"rudder_angle": _device_section(vehicle.rudder_angle, ports["rudder_angle"])}
+            if vehicle.rudder_angle is not None and "rudder_angle" in ports
+            else {}
+        ),
         **({"ais": _emulated_section("ais", vehicle.ais, "nmea", ports["ais"], AIS_BAUD)} if "ais" in ports else {}),
         **{
             name: _device_section(instrument_entry(vehicle, name), ports[name]) for name in INSTRUMENTS if name in ports

@@ -11,7 +11,9 @@ from firmware_py.sensors.mavlink_frames import Encoder, Message
 from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
+from hil.devices.hobby_servo import HobbyServo
 from hil.devices.impairment import Impaired
+from hil.devices.maestro import MaestroEmulator
 from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
@@ -42,6 +44,7 @@ WITMOTION_READ = bytes.fromhex("FFAA270300")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
 FEETECH_PING = bytes.fromhex("FFFF010201FB")
 MAVLINK_INTERVAL = Encoder(191).message_interval(1, 1, Message.ATTITUDE, 10)
+MAESTRO_ERRORS = b"\xa1\xa1"
 
 # Device -> emulator, request, and the start of its reply.
 DEVICES = {
@@ -57,6 +60,8 @@ DEVICES = {
     ),
     "volz": (lambda: VolzEmulator(ServoShaft(), rng()), VOLZ_CURRENT, b"\x30\x01"),
     "feetech": (lambda: FeetechEmulator(ServoShaft(), rng()), FEETECH_PING, b"\xff\xff\x01\x02\x00\xfc"),
+    # The second reading of the errors has none.
+    "maestro": (lambda: MaestroEmulator(HobbyServo(ServoShaft())), MAESTRO_ERRORS, b"\0\0"),
 }
 # Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.one_of(
@@ -69,6 +74,7 @@ PIECES = st.one_of(
         MTI_GOTO_CONFIG, bytes.fromhex("FAFF1000F1"), bytes.fromhex("FAFFC00041"), b"\xfa\xff\xc0\x80",
         FEETECH_PING, b"\xff\xff\x01\xff", bytes.fromhex("FFFF01070328010055096D"),
         bytes.fromhex("FFFF01040228FFD1"), bytes.fromhex("FFFF01040228FAD6"), bytes.fromhex("FFFFFE0205FA"),
+        bytes.fromhex("8400702E"), b"\x90\x00", b"\x87\x00\x05\x00", b"\x84\x00\x01", b"\xaa\x0c\x21", b"\xaa\x0c",
         bytes.fromhex("FAFFC00420340005E4"), bytes.fromhex("FAFFC004E020FFFF3F"), bytes.fromhex("FAFF3F00C2"),
         RION_ASK, bytes.fromhex("6805000C0112"), b"\x68\x10", bytes.fromhex("FFAA6988B5FFAA030500"), b"\xff\xaa\x27",
     ]),

@@ -29,6 +29,7 @@ RMC = b"$GPRMC,115631,A,5229.6446,N,00518.6558,E,5.0,78.0,150816,1.0,E,A*24\r\n"
 GGA = b"$GNGGA,103607.00,5327.03942,N,00214.42462,W,1,06,5.88,56.0,M,48.5,M,,*64\r\n"
 MWV = b"$WIMWV,251.4,R,3.1,N,A*23\r\n"
 DPT = b"$IIDPT,4.1,1.0*44\r\n"
+RSA = b"$IIRSA,10.5,A,,V*4D\r\n"
 PASHR = b"$PASHR,142509.000,179.885,T,-0.624,0.245,,0.029,0.029,0.502,2,3*17\r\n"
 PNI = pni_protocol.encode(5, bytes([2, 5]) + struct.pack(">f", 98.5) + bytes([8, 0]))
 STATUS_GOOD = bytes.fromhex("E0200400000003")
@@ -52,7 +53,7 @@ WITMOTION_ANGLE, WITMOTION_ANSWER = (
 )
 
 # Noise with complete and truncated messages, which reach more states of the parsers than random bytes alone.
-MESSAGES = (HDG, HDT, RMC, GGA, PASHR, MWV, DPT, PNI, MTI, PVT)
+MESSAGES = (HDG, HDT, RMC, GGA, RSA, PASHR, MWV, DPT, PNI, MTI, PVT)
 MESSAGES += (RION, RION_LONG, RION_DECLINATION, WITMOTION_ANSWER, WITMOTION_ANGLE, WITMOTION_ANSWER + WITMOTION_ANGLE)
 MESSAGES += (RVC,)
 MESSAGES += (MAVLINK, BOARD.attitude(98.5))
@@ -85,7 +86,7 @@ STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
 
 DRIVERS = {
     f"{section} {name}": lambda line, driver=driver: driver.make(line, driver.options())
-    for section in ("compass", "position", "power", "wind", "depth")
+    for section in ("compass", "position", "power", "wind", "depth", "rudder_angle")
     for name, driver in SECTIONS[section].items()
 }
 FRAMERS = (

@@ -9,6 +9,9 @@ from hypothesis import strategies as st
 from firmware_py.actuator import dynamixel_frames, feetech_protocol, volz_frames
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
+from firmware_py.actuator.maestro import MaestroOptions, maestro_rudder
+from firmware_py.actuator.pulse import PulseScale
+from firmware_py.actuator.pwm import PwmOptions, PwmServo
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
 from support.line import FakeLine
@@ -130,6 +133,8 @@ DRIVERS = {
     "dynamixel": lambda line: dynamixel_rudder(line, DynamixelOptions()),
     "volz": lambda line: volz_rudder(line, VolzOptions()),
     "feetech": lambda line: feetech_rudder(line, FeetechOptions()),
+    "maestro": lambda line: maestro_rudder(line, MaestroOptions(crc=True)),
+    "pwm": lambda line: PwmServo(line, PwmOptions()),
 }
 
 
@@ -155,3 +160,24 @@ def test_drivers_accept_any_bytes_and_commands(driver, steps, line_accepts):
             values = (record.shaft_rad, record.voltage_v, record.current_a, record.temperature_c)
             assert all(value is None or math.isfinite(value) for value in values)
         assert isinstance(rudder.health(now_s), DeviceHealth)
+
+
+@pytest.mark.parametrize("driver", ["maestro", "pwm"])
+@given(STEPS)
+def test_hobby_servo_never_reports_an_angle(driver, steps):
+    line = FakeLine()
+    rudder = DRIVERS[driver](line)
+    now_s = 0.0
+    for noise, angle_rad, torque_on, step_s in steps:
+        now_s += step_s
+        line.inbox += noise
+        rudder.command(RudderCommand(angle_rad, torque_on), now_s)
+        rudder.receive(now_s)
+        assert all(record.shaft_rad is None for record in rudder.poll())
+
+
+@given(st.floats(-10.0, 10.0), st.floats(450.0, 2550.0), st.floats(50.0, 5000.0))
+def test_pulse_widths_are_within_the_limits_and_increase_with_the_angle(angle_rad, centre_us, us_per_rad):
+    scale = PulseScale.of(PwmOptions(centre_us=centre_us, us_per_rad=us_per_rad, min_us=450.0, max_us=2550.0))
+    assert 450.0 <= scale.pulse_us(angle_rad) <= 2550.0
+    assert scale.pulse_us(angle_rad) <= scale.pulse_us(angle_rad + 0.1)

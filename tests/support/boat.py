@@ -18,16 +18,20 @@ from firmware_py.system.store import Store
 from hil.devices.bno08x_rvc import Bno08xRvcEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.feetech import FeetechEmulator
+from hil.devices.hobby_servo import HobbyServo
 from hil.devices.impairment import Impaired
+from hil.devices.maestro import MaestroEmulator
 from hil.devices.mavlink_board import MavlinkBoardEmulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea2000 import Nmea2000Emulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_depth import NmeaDepthEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_rudder import NmeaRudderEmulator
 from hil.devices.nmea_wind import NmeaWindEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
+from hil.devices.pwm import PwmEmulator
 from hil.devices.rion import RionEmulator
 from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
@@ -48,6 +52,8 @@ SERVOS = {
     "dynamixel": (DynamixelEmulator, 57600),
     "volz": (VolzEmulator, 115200),
     "feetech": (FeetechEmulator, 1_000_000),
+    "maestro": (lambda shaft, _rng, baud: MaestroEmulator(HobbyServo(shaft), baud=baud), 115200),
+    "pwm": (lambda shaft, _rng, **_baud: PwmEmulator(HobbyServo(shaft)), 38400),
 }
 COMPASSES = {
     "nmea": ("nmea", NmeaCompassEmulator),
@@ -157,6 +163,7 @@ class Boat:
         goals="0:0",
         mode=GUIDED,
         second_compass=False,
+        rudder_angle=False,
         supply=None,
         instruments=None,
         without=(),
@@ -189,12 +196,17 @@ class Boat:
             "position": '[position]\ndriver = "nmea"\nport = "{port}"\nbaud = 9600\n',
             "rudder": f'[rudder]\ndriver = "{servo}"\nport = "{{port}}"\nbaud = {baud}\n',
             "compass_b": f'[compass_b]\ndriver = "{second}"\nport = "{{port}}"\nbaud = 38400\n',
+            "rudder_angle": '[rudder_angle]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
             "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "wind": '[wind]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
             "depth": '[depth]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
             "link": '[link]\nurls = ["serial:{port}:57600"]\n',
         }
+        if servo == "maestro":
+            self.servo_line = devices["rudder"] = Impaired(self.servo, rng(9))
+        if rudder_angle:
+            self.rudder_sensor = devices["rudder_angle"] = NmeaRudderEmulator(self.world.rudder_rad, rng(10))
         if second_compass:
             self.other_attitude = AttitudeWithError(self.world)
             self.other_compass = SECOND_COMPASSES[second](self.other_attitude, rng(5))

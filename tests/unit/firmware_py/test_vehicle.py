@@ -142,13 +142,14 @@ def test_missing_and_unreadable_files_are_reported(tmp_path):
     ],
 )
 def test_drivers_of_the_registry_are_known_and_have_defaults(write, section, name):
-    entry = f'[{section}]\ndriver = "{name}"\nport = "/dev/x"\nbaud = 9600\n'
+    port = f"{SECTIONS[section][name].port}/dev/x"
+    entry = f'[{section}]\ndriver = "{name}"\nport = "{port}"\nbaud = 9600\n'
     others = {
         "compass": '[compass]\ndriver = "nmea"\nport = "/dev/c"\nbaud = 4800\n',
         "rudder": '[rudder]\ndriver = "volz"\nport = "/dev/r"\nbaud = 115200\n',
     }
     vehicle = load(write("\n".join({**others, section: entry}.values())))
-    assert getattr(vehicle, section) == DeviceEntry(name, "/dev/x", 9600, SECTIONS[section][name].options())
+    assert getattr(vehicle, section) == DeviceEntry(name, port, 9600, SECTIONS[section][name].options())
 
 
 @pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])

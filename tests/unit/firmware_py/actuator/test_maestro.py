@@ -1,0 +1,264 @@
+"""Driver of a Maestro on a line under control of the test."""
+
+import math
+import re
+
+import pytest
+
+from firmware_py.actuator.maestro import MaestroOptions, crc7, maestro_rudder
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
+from hil.devices.maestro import divide
+
+LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0xA1: 1, 0xAA: 3}
+
+
+class FakeMaestro:
+    """A Maestro that replies at once; it knows the commands that the driver uses, in any concatenation."""
+
+    def __init__(self, channel=0):
+        self.channel = channel
+        self.powered = True
+        self.position = self.errors = self.speed = self.acceleration = 0
+        self.limits = (0, 16383)
+        self.commands = []
+
+    def handle(self, data):
+        if not self.powered:
+            return b""
+        reply = b""
+        while data:
+            packet, data = data[: LENGTHS[data[0]]], data[LENGTHS[data[0]] :]
+            self.commands.append(packet[0])
+            number = packet[-2] + 128 * packet[-1] if len(packet) == 4 else 0
+            assert packet[0] in (0xA1, 0xAA) or packet[1] == self.channel
+            if packet[0] == 0x84:
+                self.position = min(max(number, self.limits[0]), self.limits[1]) if number else 0
+            elif packet[0] == 0x87:
+                self.speed = number
+            elif packet[0] == 0x89:
+                self.acceleration = number
+            elif packet[0] == 0x90:
+                reply += self.position.to_bytes(2, "little")
+            else:
+                reply += self.errors.to_bytes(2, "little")
+                self.errors = 0
+        return reply
+
+    def cut_power(self):
+        self.position = self.speed = self.acceleration = self.errors = 0
+        self.powered = False
+
+
+@pytest.fixture
+def maestro():
+    return FakeMaestro()
+
+
+@pytest.fixture
+def line(fakes, maestro):
+    return fakes.line(maestro)
+
+
+@pytest.fixture
+def rig(fakes, line):
+    return fakes.rig(maestro_rudder(line, MaestroOptions()))
+
+
+def first_frames(fakes, options, shaft_deg=0.0, torque_on=True):
+    """Return the frames of the first ticks of a Maestro that replies 0 to everything."""
+    line = fakes.line()
+    line.write = lambda data: line.written.append(bytes(data)) or line.inbox.extend(b"\0\0") or True
+    fakes.rig(maestro_rudder(line, options)).ticks(2, shaft_deg=shaft_deg, torque_on=torque_on)
+    return line.written
+
+
+def test_frames_of_the_manual(fakes):
+    """Section 5.c: set the target of servo 0 to 1500 us; section 5.e: the other commands."""
+    search, target, reading = first_frames(fakes, MaestroOptions())[:3]
+    assert search == bytes.fromhex("AA 0C 21")
+    assert target == bytes.fromhex("90 00 84 00 70 2E")
+    assert reading == bytes.fromhex("87 00 00 00 89 00 00 00 A1")
+
+
+def test_options_are_in_the_frames(fakes):
+    options = MaestroOptions(channel=5, device=20, speed=140, acceleration=200, us_per_rad=500.0)
+    search, target, reading = first_frames(fakes, options, shaft_deg=math.degrees(0.5))[:3]
+    assert search == bytes.fromhex("AA 14 21")
+    assert target == bytes.fromhex("90 05 84 05 58 36")  # 7000 quarter microseconds
+    assert reading == bytes.fromhex("87 05 0C 01 89 05 48 01 A1")
+
+
+def test_crc_of_the_manual():
+    """Section 5.d: the command 83 01 has the CRC 17."""
+    assert crc7(bytes.fromhex("83 01")) == 0x17
+
+
+def test_every_command_has_a_crc_if_the_maestro_requires_one(fakes):
+    for plain, frame in zip(
+        first_frames(fakes, MaestroOptions()), first_frames(fakes, MaestroOptions(crc=True)), strict=True
+    ):
+        packets = re.findall(rb"[\x80-\xff][\x00-\x7f]*", plain)
+        assert frame == b"".join(packet + bytes([divide(list(packet))]) for packet in packets)
+
+
+def test_target_is_sent_and_the_feedback_has_no_angle(rig, maestro):
+    feedback = rig.ticks(3, shaft_deg=20.0)
+    assert maestro.position == round(4 * (1500 + 636.6 * math.radians(20.0)))
+    assert [(record.shaft_rad, record.torque_on, record.restarts) for record in feedback] == [(None, True, 0)] * 3
+    health = rig.health()
+    assert (health.role, health.state, health.text) == (DeviceRole.RUDDER, DeviceState.RUNNING, "")
+    assert health.rejected == 0
+
+
+def test_limits_of_speed_and_acceleration_are_set_every_second(fakes, maestro, line):
+    rig = fakes.rig(maestro_rudder(line, MaestroOptions(speed=300, acceleration=7)))
+    rig.ticks(5)
+    assert (maestro.speed, maestro.acceleration) == (300, 7)
+    maestro.commands.clear()
+    rig.ticks(50)
+    assert maestro.commands.count(0x84) == 50
+    assert 4 <= maestro.commands.count(0xA1) <= 6
+    assert maestro.commands.count(0xAA) == 0
+
+
+def test_released_servo_has_no_pulse(rig, maestro):
+    rig.ticks(2, shaft_deg=10.0)
+    feedback = rig.ticks(2, torque_on=False)
+    assert maestro.position == 0
+    assert feedback[-1].torque_on is False
+    assert rig.health().text == "no pulse; the servo is free"
+    assert rig.ticks(3, shaft_deg=10.0)[-1].restarts == 0
+
+
+def test_power_cut_is_counted_as_a_restart_and_the_target_is_set_again(rig, maestro):
+    rig.ticks(5, shaft_deg=10.0)
+    position = maestro.position
+    maestro.cut_power()
+    assert rig.ticks(15, shaft_deg=10.0) == []
+    assert rig.health().state is DeviceState.SILENT
+    maestro.powered = True
+    feedback = rig.ticks(4, shaft_deg=10.0)
+    assert maestro.position == position
+    assert [record.restarts for record in feedback][-2:] == [1, 1]
+    assert rig.health().state is DeviceState.RUNNING
+    assert rig.ticks(30, shaft_deg=10.0)[-1].restarts == 1
+
+
+def test_short_power_cut_without_a_lost_reply_is_noticed(rig, maestro):
+    rig.ticks(5, shaft_deg=10.0)
+    maestro.cut_power()
+    maestro.powered = True
+    assert rig.ticks(3, shaft_deg=10.0)[-1].restarts == 1
+
+
+def test_search_sets_the_baud_rate_after_every_silence(rig, maestro):
+    rig.ticks(3)
+    maestro.powered = False
+    rig.ticks(10)
+    maestro.commands.clear()
+    maestro.powered = True
+    rig.ticks(2)
+    assert 0xAA in maestro.commands[:2]
+
+
+def test_maestro_of_another_device_number_is_driven(rig, maestro):
+    """It does not reply to the search."""
+    handle = maestro.handle
+    maestro.handle = lambda data: b"" if data[0] == 0xAA else handle(data)
+    rig.ticks(5, shaft_deg=10.0)
+    assert maestro.position == round(4 * (1500 + 636.6 * math.radians(10.0)))
+    maestro.powered = False
+    rig.ticks(15)
+    maestro.powered = True
+    assert rig.ticks(5, shaft_deg=10.0)
+    assert rig.health().state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("errors", "text"),
+    [
+        (1 << 0, "serial signal error: wrong baud rate?"),
+        (1 << 3, "CRC error: check option crc"),
+        (1 << 4, "serial protocol error: check option crc"),
+        (1 << 8, "script counter error"),
+        (1 << 2 | 1 << 4, "serial buffer full"),
+    ],
+)
+def test_error_is_reported_for_ten_seconds_and_is_no_restart(rig, maestro, errors, text):
+    rig.ticks(5, shaft_deg=10.0)
+    maestro.errors, maestro.position = errors, 0  # the servo goes home
+    feedback = rig.ticks(12, shaft_deg=10.0)
+    assert maestro.position > 0
+    assert feedback[-1].restarts == 0
+    assert (rig.health().state, rig.health().text) == (DeviceState.RUNNING, text)
+    rig.ticks(80, shaft_deg=10.0)
+    assert rig.health().text == text
+    rig.ticks(30, shaft_deg=10.0)
+    assert rig.health().text == ""
+
+
+def test_lost_and_foreign_bytes_do_not_last(rig, line, maestro):
+    rig.ticks(5, shaft_deg=10.0)
+    line.lose_replies = 1
+    rig.ticks(2, shaft_deg=10.0)
+    line.noise = b"\xff\xff"
+    rig.ticks(3, shaft_deg=10.0)
+    assert rig.health().rejected > 0
+    line.noise = b""
+    feedback = rig.ticks(5, shaft_deg=-10.0)
+    assert len(feedback) >= 4
+    assert feedback[-1].restarts == 0
+    assert maestro.position == round(4 * (1500 - 636.6 * math.radians(10.0)))
+
+
+def test_silent_maestro_is_starting_and_a_wrong_baud_rate_gives_no_feedback(fakes):
+    line = fakes.line()
+    rig = fakes.rig(maestro_rudder(line, MaestroOptions()))
+    assert rig.ticks(10) == []
+    assert rig.health().state is DeviceState.STARTING
+    assert rig.health().text == "no reply from servo id 0"
+    line.noise = b"\xf8\x00\xff"  # what another baud rate makes of a reply
+    assert rig.ticks(20) == []
+    assert (rig.health().state, rig.health().text) == (
+        DeviceState.STARTING, "no position from the Maestro: wrong baud rate?",
+    )  # fmt: skip
+
+
+def test_line_that_was_opened_again_begins_with_a_search(rig, line):
+    rig.ticks(3)
+    line.unplug()
+    rig.ticks(3)
+    assert rig.health().state is DeviceState.ABSENT
+    line.plug()
+    line.written.clear()
+    assert rig.ticks(3)[-1].restarts == 0  # the missing port is reported as such
+    assert line.written[0] == bytes.fromhex("AA 0C 21")
+
+
+def test_prompt_io_is_needed_while_the_target_waits(fakes):
+    line = fakes.line()
+    rudder = maestro_rudder(line, MaestroOptions())
+    rudder.command(RudderCommand(0.1, torque_on=True), 1.0)
+    assert rudder.needs_prompt_io()
+    line.inbox += b"\0\0"
+    rudder.receive(1.002)
+    assert not rudder.needs_prompt_io()
+
+
+def test_limited_pulse_is_reported(rig):
+    rig.ticks(3, shaft_deg=60.0)
+    assert rig.health().text == "pulse limited by min_us or max_us"
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"channel": 24}, "channel: 24 is out of range; allowed: 0 to 23"),
+        ({"device": 128}, "device: 128 is out of range; allowed: 0 to 127"),
+        ({"speed": 16384}, "speed: 16384 is out of range; allowed: 0 to 16383"),
+        ({"acceleration": 256}, "acceleration: 256 is out of range; allowed: 0 to 255"),
+    ],
+)
+def test_options_out_of_range_are_refused(values, text):
+    with pytest.raises(ValueError, match=text):
+        MaestroOptions(**values)
