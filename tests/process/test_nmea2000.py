@@ -1,13 +1,23 @@
 """An NMEA 2000 bus behind an Actisense gateway, with the real program: cable, power, baud rate, two heading sources."""
 
+import itertools
 import math
+import os
+import re
+import socket
+import threading
+import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.log.reader import read_log
+from hil.devices import nmea2000_frames as n2k
 from hil.devices.nmea2000 import COMPASS, SECOND_COMPASS
 from hil.devices.sensor_errors import AttitudeWithError
+from support.paths import DATA
 
 SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
 
@@ -113,3 +123,90 @@ def test_two_compasses_position_and_ais_share_the_bus(make_boat):
     latitude_deg = math.degrees(fixes[-1].latitude_rad)
     assert latitude_deg == pytest.approx(boat.whereabouts.latitude_deg(), abs=1e-3)
     assert boat.compass_device.bus_commands == 0
+
+
+class Bus:
+    """A gateway that sends lines of Yacht Devices RAW by UDP: headings of the boat, and recorded traffic."""
+
+    def __init__(self, boat, frames_per_datagram):
+        self._boat, self._count = boat, frames_per_datagram
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.address = probe.getsockname()
+        recording = DATA / "nmea2000" / "canboat_merrimac-ydwg-2020_excerpt.raw"
+        self._traffic = itertools.cycle(recording.read_bytes().splitlines(keepends=True))
+        self.frames_hz, self.sent = 0.0, 0
+        self._is_running = True
+        self._thread = threading.Thread(target=self._send)
+        self._thread.start()
+
+    def _send(self):
+        start_s = last_s = time.monotonic()
+        due, headings = 0.0, 0
+        while self._is_running:
+            now_s = time.monotonic()
+            if now_s - start_s >= 0.1 * headings:
+                headings += 1
+                heading = n2k.heading(self._boat.world.heading_rad() % math.tau, n2k.TRUE)
+                self._socket.sendto(n2k.raw_line(127250, COMPASS, heading), self.address)
+            due += self.frames_hz * (now_s - last_s)
+            last_s = now_s
+            while due >= self._count:
+                self._socket.sendto(b"".join(itertools.islice(self._traffic, self._count)), self.address)
+                due -= self._count
+                self.sent += self._count
+            time.sleep(max(0.0, 0.005 - (time.monotonic() - now_s)))
+
+    def close(self):
+        self._is_running = False
+        self._thread.join()
+        self._socket.close()
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("frames_per_datagram", [1, 10])
+def test_full_bus_delays_no_tick(make_boat, frames_per_datagram):
+    """Phases of 10 s without and with 1900 frames a second: `pytest -m proof tests/process/test_nmea2000.py -s`.
+
+    Compass, position and AIS share the port.
+    """
+    boat = make_boat(scenario="tank", compass="nmea2000", speed=None, without=("position",))
+    bus = Bus(boat, frames_per_datagram)
+    port = f'driver = "nmea2000"\nport = "udp:{bus.address[1]}"\n'
+    text = boat._vehicle.read_text().replace("[rudder]", f"[position]\n{port}[ais]\n{port}[rudder]")
+    old_section = r'\[compass\]\ndriver = "nmea2000"\nport = "[^"]*"\nbaud = 38400\n'
+    boat._vehicle.write_text(re.sub(old_section, f"[compass]\n{port}source = {COMPASS}\n", text))
+    phases = {0.0: [], 1900.0: []}
+    try:
+        boat.start()
+        boat.run(5.0)
+        for bus.frames_hz in (0.0, 1900.0) * 3:
+            boat.run(1.0)
+            begin = time.monotonic(), processor_s(boat), boat.now_s, bus.sent
+            boat.run(10.0)
+            elapsed_s = time.monotonic() - begin[0]
+            share = (processor_s(boat) - begin[1]) / elapsed_s
+            assert (bus.sent - begin[3]) / elapsed_s == pytest.approx(bus.frames_hz, rel=0.02, abs=1.0)
+            phases[bus.frames_hz].append((begin[2], boat.now_s, share))
+    finally:
+        bus.close()
+    inputs = inputs_of(boat)
+    begin_s = boat.now_s - inputs[-1].tick.t_s  # about: both clocks run in real time
+    shares, lateness_ms = {}, {}
+    for frames_hz, spans in phases.items():
+        shares[frames_hz] = sum(share for *_, share in spans) / len(spans)
+        late_s = [row.tick.late_s for row in inputs for low, high, _ in spans if low < row.tick.t_s + begin_s < high]
+        lateness_ms[frames_hz] = [round(1e3 * float(np.quantile(late_s, part)), 2) for part in (0.5, 0.9, 0.99)]
+        print(f"{frames_hz:.0f} frames/s: processor {shares[frames_hz]:.3f}, late {lateness_ms[frames_hz]} ms")
+    assert sum(len(row.headings) for row in inputs) > 600
+    assert shares[1900.0] - shares[0.0] < 0.15
+    assert lateness_ms[1900.0][1] < 2.0 * lateness_ms[0.0][1] + 2.0
+
+
+def processor_s(boat):
+    """Return the processor time of the autopilot."""
+    fields = Path(f"/proc/{boat.process._process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
