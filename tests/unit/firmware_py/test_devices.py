@@ -1,10 +1,14 @@
 """Registry of drivers: creation, calibrators, capture formats."""
 
+import subprocess
+import sys
+
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode
 from support.line import FakeLine
+from support.paths import ROOT
 
 ROLES = {
     "compass": DeviceRole.COMPASS,
@@ -56,3 +60,32 @@ def test_names_of_the_capture_formats():
     ]
     (result,) = decode("nmea", b"$HEHDT,341.8,T*21\r\n")
     assert (result["type"], result["true_deg"]) == ("heading", 341.8)
+
+
+def test_only_the_drivers_that_the_vehicle_file_names_are_imported():
+    """Neither another driver nor the search for packages, which takes 30 ms, costs the start anything."""
+    script = (
+        "import sys; from pathlib import Path; from firmware_py.assemble import wiring; "
+        "from firmware_py.vehicle import load; load(Path('params/ocean_rambler.toml')); "
+        "print(*(name for name in sys.modules if name.startswith(('firmware_py', 'importlib.metadata', 'can'))))"
+    )
+    output = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    loaded = set(output.split())
+    drivers = {row.partition(":")[0] for registry in SECTIONS.values() for row in registry.own.values()}
+    named = {"sensors.pni_tcm", "sensors.nmea_position", "actuator.dynamixel"}
+    assert drivers & loaded == {f"firmware_py.{name}" for name in named}
+    assert not {"importlib.metadata", "can"} & loaded
+
+
+def test_every_driver_is_in_the_table_of_supported_devices():
+    page = (ROOT / "docs/reference/devices.md").read_text()
+    rows = [[cell.strip() for cell in line.split("|")] for line in page.splitlines() if line.startswith("| ")]
+    described = {(section, row[2].strip("`")) for row in rows for section in row[1].split(", ")}
+    missing = {
+        (section, name)
+        for section, registry in SECTIONS.items()
+        if not section.endswith("_b")
+        for name in registry.own
+        if (section, name) not in described
+    }
+    assert missing == set()
