@@ -28,7 +28,6 @@ RATE_HZ = 1.0
 SILENT_AFTER_S = 5.0
 SUMMARY_AFTER_S = 5.0  # SYS_STATUS is used if there has been no BATTERY_STATUS for this time
 MAX_SAMPLES = 64  # between two polls
-MAX_VOLTAGE_V = 1000.0
 
 _UNKNOWN_U16, _UNKNOWN_TEMPERATURE, _UNKNOWN_CURRENT, _UNKNOWN_CHARGE = 0xFFFF, 0x7FFF, -1, -1
 
@@ -131,7 +130,7 @@ def _make_sample(
     """Return a sample; a discharge current is positive in MAVLink, negative in a sample. 0 V means not measured."""
     return PowerSample(
         t_s=now_s,
-        voltage_v=None if millivolts == 0 else check_range(millivolts * 1e-3, 0.0, MAX_VOLTAGE_V, "voltage"),
+        voltage_v=None if millivolts == 0 else millivolts * 1e-3,
         current_a=None if current == _UNKNOWN_CURRENT else current * -1e-2,
         charge=None if remaining == _UNKNOWN_CHARGE else check_range(remaining * 1e-2, 0.0, 1.0, "charge"),
         temperature_c=None if temperature_c is None else check_range(temperature_c, -100.0, 150.0, "temperature"),

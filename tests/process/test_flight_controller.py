@@ -2,7 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.__main__ import main
 from firmware_py.common.records import FixType, NorthReference
@@ -34,13 +36,9 @@ def make_board_boat(make_boat):
     return make
 
 
-def turn_boat(boat):
-    boat.world._hull._plant.heading_rad += math.radians(30.0)
-
-
-def responds_to_heading(boat):
+def responds_to_heading(boat, turn_deg=30.0):
     """Return whether the rudder moves after a turn of the boat."""
-    turn_boat(boat)
+    boat.world._hull._plant.heading_rad += math.radians(turn_deg)
     initial_rad = boat.world.shaft.angle_rad()
     boat.run(1.5)
     return abs(boat.world.shaft.angle_rad() - initial_rad) > math.radians(5.0)
@@ -53,6 +51,31 @@ def ticks(boat):
     return [tick for log in logs for tick in read_log(log)]
 
 
+def heading_error_deg(truth, sample):
+    """Return the smallest difference from the true headings within 0.3 s, because the boat is turned at once."""
+    near_rad = truth[np.abs(truth[:, 0] - sample.t_s) < 0.3, 1]
+    return np.degrees(np.abs(np.remainder(sample.heading_rad - near_rad + np.pi, 2 * np.pi) - np.pi).min())
+
+
+def hostile_commands():
+    """Return commands of a ground station and of the board itself to disarm, restart and steer the boat."""
+    for system, component in ((255, 190), (1, 1)):
+        sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        for message in (
+            dialect.MAVLink_command_long_message(
+                1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 21196, 0, 0, 0, 0, 0
+            ),
+            dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+            dialect.MAVLink_command_long_message(
+                1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 0, 1, 0, 0, 0, 0, 0
+            ),
+            dialect.MAVLink_set_mode_message(1, 1, 4),
+            dialect.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
+            dialect.MAVLink_param_set_message(1, 1, b"CTL_K1", 0.0, 9),
+        ):
+            yield bytes(message.pack(sender))
+
+
 def test_cable_pulled_and_put_back(make_board_boat):
     boat = make_board_boat(None)
     boat.lines["compass"].unplug()
@@ -63,7 +86,7 @@ def test_cable_pulled_and_put_back(make_board_boat):
     assert boat.compass_device.unexpected == []
 
 
-def test_board_loses_power_its_estimator_its_baud_rate_and_its_place(make_board_boat):
+def test_board_loses_power_its_estimator_and_its_baud_rate_and_sends_commands(make_board_boat):
     """Simulated time, in which bytes are damaged as by a wrong baud rate, and foreign bytes are inserted."""
     boat = make_board_boat(math.inf)
     board, line = boat.compass_device, boat.compass
@@ -96,12 +119,20 @@ def test_board_loses_power_its_estimator_its_baud_rate_and_its_place(make_board_
     assert boat.output_text().count(LOST) == 4
     assert board.unexpected == []
 
+    output = boat.output_text()
+    for data in hostile_commands():
+        board.transmitter.send(boat.now_s, data)
+    boat.run(3.0)
+    assert boat.output_text() == output
+    assert responds_to_heading(boat, -120.0)
+
     rows = ticks(boat)
     headings = [sample for tick in rows for sample in tick.inputs.headings]
     fixes = [sample for tick in rows for sample in tick.inputs.positions]
     batteries = [sample for tick in rows for sample in tick.inputs.power]
     assert {sample.reference for sample in headings} == {NorthReference.TRUE}
-    assert max(abs(math.degrees(math.remainder(sample.heading_rad, math.tau))) for sample in headings) < 80.0
+    truth = np.array([(row[0], row[2]) for row in boat.world.truth])  # time and heading
+    assert max(heading_error_deg(truth, sample) for sample in headings) < 5.0
     assert len(fixes) > 10
     assert {fix.fix for fix in fixes} == {FixType.FIX_3D}
     assert {round(math.degrees(fix.latitude_rad)) for fix in fixes} == {36}

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from firmware_py.assemble.devices import close_all, open_devices
 from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.serial_port import PortError
-from firmware_py.vehicle import parse
+from firmware_py.vehicle import VehicleError, parse
 from hil.devices.ais_frames import position_a, sentences
 from hil.devices.nmea_text import whole_sentence
 from support.flight_controller import Board
@@ -118,6 +118,18 @@ def test_wind_and_depth_share_the_port_of_the_other_nmea_devices_or_have_their_o
         assert len(devices.lines) == (2 if shares else 3)
     finally:
         close_all(devices.lines)
+
+
+@pytest.mark.parametrize("section", ["compass", "position", "power"])
+def test_flight_controller_on_a_network_is_refused(tmp_path, section):
+    serial = {"driver": "nmea", "port": "/dev/ttyS0", "baud": 4800}
+    data = {
+        "compass": serial,
+        "rudder": serial | {"driver": "volz"},
+        section: {"driver": "mavlink", "port": "udp:14550"},
+    }
+    with pytest.raises(VehicleError, match=f"{section}.*driver mavlink writes to its device and needs a serial port"):
+        parse(data, tmp_path / "boat.toml")
 
 
 def test_ais_by_udp(tmp_path, ports):

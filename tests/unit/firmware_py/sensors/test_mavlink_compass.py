@@ -65,7 +65,14 @@ def test_reference_may_be_magnetic(line):
 
 
 def test_options_are_checked():
-    for options in ({"reference": "grid"}, {"rate_hz": 0}, {"rate_hz": 51}, {"system": 256}, {"component": 0}):
+    for options in (
+        {"reference": "grid"},
+        {"rate_hz": 0},
+        {"rate_hz": 51},
+        {"system": 256},
+        {"component": 0},
+        {"component": 256},
+    ):
         with pytest.raises(ValueError, match=next(iter(options))):
             MavlinkCompassOptions(**options)
 
@@ -182,6 +189,12 @@ def test_states_without_headings(line):
     line.unplug()
     rig.samples(9.0)
     assert rig.health(9.0) == (DeviceState.ABSENT, "no port /dev/fake")
+
+
+def test_defaults_are_ten_headings_a_second_of_any_system(line):
+    rig = Rig(line, Board(system=3))
+    assert requested(line.written) == [(30, 100_000), (193, 500_000)]
+    assert rig.headings(1.0, rig.board.ekf(), rig.board.attitude()) == [98.5]
 
 
 def test_messages_are_requested_at_the_rate_of_the_vehicle_file(line):

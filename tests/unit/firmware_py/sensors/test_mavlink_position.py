@@ -98,7 +98,10 @@ def test_position_at_zero_is_no_fix(rig):
     assert rig.health(1.0) == (DeviceState.RUNNING, "position invalid: no fix")
 
 
-@pytest.mark.parametrize("values", [{"lat": 91.0}, {"lon": 181.0}, {"vel": 20_001}, {"cog": 36_001}])
+@pytest.mark.parametrize(
+    "values",
+    [{"lat": 90.5}, {"lat": -90.5}, {"lon": 180.5}, {"lon": -180.5}, {"vel": 20_001}, {"cog": 36_001}],
+)
 def test_impossible_values_are_rejected(rig, values):
     assert rig.fixes(1.0, gps(**values)) == ()
     assert rig.position.health(1.0).rejected == 1
@@ -146,6 +149,17 @@ def test_estimator_is_used_while_the_receiver_has_a_fix(line):
     assert rig.fixes(4.3, gps(3, time_us=3), estimate(lat=91.0)) == ()
 
 
+@pytest.mark.parametrize(("north_cm_s", "is_used"), [(20_000, True), (20_001, False), (0, True)])
+def test_impossible_speed_of_the_estimator_is_rejected(line, north_cm_s, is_used):
+    rig = Rig(line, solution="estimator")
+    assert len(rig.fixes(1.0, gps(), estimate(north_cm_s=north_cm_s, east_cm_s=0))) == is_used
+
+
+@pytest.mark.parametrize("values", [{"vel": 20_000}, {"vel": 0}, {"lat": 90.0}, {"lon": -180.0}])
+def test_extreme_values_are_used(rig, values):
+    assert len(rig.fixes(1.0, gps(**values))) == 1
+
+
 def test_estimator_is_not_used_by_default(rig):
     assert len(rig.fixes(1.0, gps(), estimate())) == 1
 
@@ -169,6 +183,14 @@ def test_requested_messages(line, solution, messages):
     Rig(line, solution=solution, rate_hz=2)
     assert requested(line.written) == messages
     assert {message.get_srcComponent() for message in decode_all(line.written)} == {192}
+
+
+def test_options_are_checked_and_one_fix_a_second_is_the_default(line):
+    for options in ({"solution": "both"}, {"rate_hz": 0}, {"rate_hz": 11}):
+        with pytest.raises(ValueError, match=next(iter(options))):
+            MavlinkPositionOptions(**options)
+    Rig(line)
+    assert requested(line.written) == [(24, 1_000_000), (2, 1_000_000)]
 
 
 def test_silent_board(rig):

@@ -104,5 +104,5 @@ def test_requested_messages_and_silence(rig):
     assert {message.get_srcComponent() for message in decode_all(rig.line.written)} == {193}
     assert rig.power.health(0.1).text == "connected, no battery yet"
     rig.samples(1.0, battery())
-    assert rig.power.health(6.0).state is DeviceState.RUNNING
-    assert rig.power.health(13.6).state is DeviceState.SILENT
+    assert rig.power.health(5.9).state is DeviceState.RUNNING
+    assert rig.power.health(6.1).state is DeviceState.SILENT
