@@ -195,11 +195,11 @@ class RionCompass:
         if self._identifier is not None and self._needs_declination():
             command = _Command.READ_DECLINATION
             self._declination_requests += 1
-        elif self._unrequested >= _MIN_UNREQUESTED and now_s - self._unrequested_s < DATA_TIMEOUT_S:
-            self._expect_output()
-            return
-        else:
-            self._unrequested = 0
+        elif self._unrequested >= _MIN_UNREQUESTED:
+            if now_s - self._unrequested_s < DATA_TIMEOUT_S:
+                self._expect_output()
+                return
+            self._unrequested = 0  # the automatic output has ended
         identifiers = _IDENTIFIERS[self._options.identifier]
         identifier = self._identifier or identifiers[self._unanswered % len(identifiers)]
         if self._line.write(encode(identifier, self._options.address, command)):

@@ -35,6 +35,10 @@ def test_drivers_are_created_with_their_defaults_and_wait_for_the_port(section, 
     assert list(device.poll()) == []
 
 
+def test_compasses_that_are_sent_commands_need_a_serial_port():
+    assert {"pni_tcm", "mti", "rion", "witmotion"} <= {name for name, driver in COMPASSES.items() if driver.writes}
+
+
 def test_only_the_pni_compass_has_a_calibrator():
     calibrating = []
     for name, driver in COMPASSES.items():

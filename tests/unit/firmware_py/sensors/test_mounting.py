@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.sensors.mounting import MOUNTINGS, Mounting, mounting_option, rotation
+from firmware_py.sensors.mounting import MOUNTINGS, Mounting, mounting_option, multiply, rotation
 
 DEG = math.pi / 180.0
 
@@ -74,9 +74,16 @@ def test_nearly_vertical_boat_has_no_attitude(pitch_deg, is_valid):
     assert (boat is not None) is is_valid
 
 
-def test_rounding_errors_of_a_vertical_sensor_do_not_raise():
-    almost_unit = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0000000000000002, 0.0, 0.0))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rounding_errors_of_a_vertical_sensor_do_not_raise(sign):
+    almost_unit = ((0.0, 0.0, sign), (0.0, 1.0, 0.0), (-1.0000000000000002 * sign, 0.0, 0.0))
     assert Mounting("none").boat_attitude(almost_unit) is None
+
+
+def test_rotation_has_orthogonal_axes():
+    matrix = rotation(0.4, 0.7, 1.9)
+    rows = multiply(matrix, tuple(zip(*matrix, strict=True)))
+    assert [value for row in rows for value in row] == pytest.approx([1, 0, 0, 0, 1, 0, 0, 0, 1], abs=1e-12)
 
 
 def test_heading_is_less_than_a_full_turn():

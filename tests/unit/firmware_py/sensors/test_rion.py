@@ -156,6 +156,22 @@ def test_negative_declination(compass, exchange, near):
     assert near(compass.poll()[0].variation_rad, -3.5)
 
 
+@pytest.mark.parametrize(
+    ("digits", "text"),
+    [
+        ("09 00", ""),
+        ("09 01", "declination 90.1 out of range"),
+        ("19 01", "declination -90.1 out of range"),
+        ("0A 00", "declination is not a decimal number"),
+    ],
+)
+def test_impossible_declination_is_rejected(compass, exchange, digits, text):
+    exchange(compass, 0.0)
+    exchange(compass, 0.02, angles())
+    exchange(compass, 0.04, frame(f"06 00 87 {digits}"))
+    assert (compass.health(0.04).text if text else compass.health(0.04).rejected) == (text or 0)
+
+
 def test_compass_without_answer_to_the_declination_is_used_after_three_requests(line, compass, exchange):
     requests = []
     for step in range(200):
@@ -180,10 +196,39 @@ def test_automatic_output_is_read_without_requests(line, compass, exchange):
     assert exchange(compass, 6.33) == [ASK_68]
 
 
+def test_compass_that_sends_by_itself_is_asked_for_its_declination_only(line, compass, exchange):
+    requests = []
+    for step in range(200):
+        line.inbox += angles() if step % 20 == 19 else b""
+        sent = exchange(compass, -0.4 + step / 100)
+        line.inbox += NO_DECLINATION if sent else b""
+        requests += sent
+    assert requests == [DECLINATION_68]
+    assert len(compass.poll()) == 8
+
+
 def test_output_that_begins_later_ends_the_requests(ready, exchange):
     frames = (b"", angles(), angles())
     requests = [exchange(ready, 0.1 + step / 100, frames[step % 3]) for step in range(100)]
     assert requests[-50:] == [[]] * 50
+
+
+def test_third_angle_without_a_request_within_two_and_a_half_seconds_shows_automatic_output(line, exchange, ready):
+    def poll_for(start_s, seconds, *frames):
+        """Answer all requests from a time on, after the frames; return their number."""
+        count = 0
+        line.inbox += b"".join(frames)
+        for step in range(round(seconds * 100)):
+            if exchange(ready, start_s + step / 100) == [ASK_68]:
+                count += 1
+                line.inbox += angles()
+        return count
+
+    assert poll_for(0.1, 1.0, angles()) in (10, 11)
+    assert poll_for(1.1, 2.7, angles()) in (26, 27, 28)  # the second
+    assert poll_for(3.8, 1.0, angles()) in (9, 10, 11)  # the first is forgotten
+    assert poll_for(4.8, 1.0, angles()) in (9, 10, 11)
+    assert poll_for(5.8, 1.0, angles()) == 0
 
 
 def test_late_answers_do_not_stop_the_requests(ready, exchange):
