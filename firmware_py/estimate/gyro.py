@@ -32,9 +32,7 @@ MAX_DIFFERENCE_RAD: Final = radians(15.0)
 MAX_DRIFT_RAD_S: Final = radians(1.0)
 DISAGREEMENT_S: Final = 2.0  # until the rate is no longer used
 AGREEMENT_S: Final = 30.0  # until it is used
-MIN_TURN_RAD: Final = radians(
-    20.0
-)  # from the mean over TIME_CONSTANT_S; in the wrong direction it differs by twice that
+MIN_TURN_RAD: Final = radians(20.0)  # from the mean over TIME_CONSTANT_S
 MAX_AGE_S: Final = 0.15  # of a rate, relative to the heading that it is used with
 RATE_SD_RAD_S: Final = radians(0.25)  # resolution, and delay of the mean rate in waves
 

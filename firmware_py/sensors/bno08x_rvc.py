@@ -37,11 +37,11 @@ from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, CaptureFormat, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.binary_framing import Packet, PacketCheck, PacketFramer
+from firmware_py.common.records import DeviceHealth, HeadingSample, NorthReference
+from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
 from firmware_py.sensors.decode import Result, decode_packets, round_values
-from firmware_py.sensors.device_monitor import DeviceMonitor
-from firmware_py.sensors.message_error import CHECKSUM, MessageError, check_range
+from firmware_py.sensors.message_error import MessageError, check_range
+from firmware_py.sensors.packet_receiver import PacketReceiver
 
 GYRO_ONLY: Final = "gyro only, no north: used as yaw rate"
 FRAME_RATE_HZ: Final = 100
@@ -51,7 +51,6 @@ MAX_LOST_FRAMES: Final = 10
 MAX_GAP_S: Final = 0.25  # without frames on the line; a device that restarts is silent for longer
 MAX_YAW_RATE_DEG_S: Final = 150.0  # a breaking wave turns a boat by 90 deg/s; a restart moves the yaw at once
 MAX_PITCH_DEG: Final = 80.0  # near 90 degrees, yaw and roll turn about the same axis
-MAX_SAMPLES: Final = 256  # between two polls; one read of 4096 bytes contains 215 frames
 
 _HEADER = re.compile(rb"\xaa\xaa")
 _CONTENT = struct.Struct("<Bhhhhhh")
@@ -111,9 +110,8 @@ class Bno08xRvc:
         self._line = line
         self._frames_per_sample = max(1, round(FRAME_RATE_HZ / options.rate_hz))
         self._sign = 1.0 if options.clockwise else -1.0
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
-        self._framer = create_framer()
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
+        self._receiver = PacketReceiver(line, create_framer)
+        self._monitor = self._receiver.monitor
         self._previous: tuple[Reading, float] | None = None  # and its time
         self._received_s = 0.0  # time of the previous reading of the line, with or without bytes
         self._number = 0  # of the last frame, counted with the lost ones
@@ -127,33 +125,24 @@ class Bno08xRvc:
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
-        if self._monitor.notice_reopening():
-            self._framer = create_framer()
+        if self._receiver.notice_reopening():
             self._previous = None
-        data = self._line.read()
-        if data:
-            self._monitor.note_bytes(now_s)
-            for packet in self._framer.feed(data):
-                self._handle_packet(packet, now_s)
+        for packet in self._receiver.read(now_s):
+            if not packet.fault:
+                self._handle_frame(packet.data, now_s)
         self._received_s = now_s
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
+        return self._receiver.poll()
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; its text says that the device has no north."""
         return self._monitor.health(now_s)
 
-    def _handle_packet(self, packet: Packet, now_s: float) -> None:
-        if packet.fault:
-            if packet.fault == CHECKSUM:
-                self._monitor.reject(now_s, CHECKSUM)
-            return
+    def _handle_frame(self, frame: bytes, now_s: float) -> None:
         try:
-            reading = read_frame(packet.data)
+            reading = read_frame(frame)
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
             return
@@ -196,7 +185,7 @@ class Bno08xRvc:
         if periods < RATE_FRAMES or self._number < self._due_number:
             return
         self._due_number = self._number + self._frames_per_sample
-        self._samples.append(
+        self._receiver.samples.append(
             HeadingSample(
                 t_s=now_s,
                 heading_rad=wrap_two_pi(self._turned_rad),

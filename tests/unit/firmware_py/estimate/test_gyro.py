@@ -144,6 +144,43 @@ def test_comparison_restarts_after_a_gap():
     assert not boat.state.is_used
 
 
+def test_turn_before_a_gap_does_not_count():
+    boat = Boat().run(10.0, turn=3.0)
+    boat.t_s += 5.5
+    assert not boat.run(60.0).state.is_used
+    assert Boat().run(10.0, turn=3.0).run(60.0).state.is_used
+
+
+def test_durations_begin_again_after_a_gap():
+    for error_deg in (0.0, 50.0):
+        boat = Boat().run(10.0).run(1.0, compass_error_deg=error_deg)
+        boat.t_s += 5.5
+        boat.run(0.1)
+        assert (boat.state.agreed_s, boat.state.disagreed_s) == (0.0, 0.0)
+
+
+def test_expected_drift_is_no_innovation():
+    state = gyro.GyroState(t_s=1.0, offset_rad=0.5, drift_rad_s=0.01, agreed_s=3.0)
+    sample = HeadingSample(5.0, 2.54, NorthReference.RELATIVE, yaw_rate_rad_s=0.0)
+    state, _ = gyro.update(state, (sample,), (5.0, 2.0))
+    assert (state.offset_rad, state.drift_rad_s) == pytest.approx((0.54, 0.01))
+    assert state.agreed_s == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_estimated_drift_is_limited(direction):
+    state = gyro.GyroState(t_s=1.0, drift_rad_s=direction * radians(1.99))
+    sample = HeadingSample(5.0, wrap_two_pi(direction), NorthReference.RELATIVE, yaw_rate_rad_s=0.0)
+    state, _ = gyro.update(state, (sample,), (5.0, 0.0))
+    assert math.degrees(state.drift_rad_s) == pytest.approx(direction * 2.0)
+
+
+def test_newest_sample_of_a_tick_counts():
+    samples = [HeadingSample(t_s, 0.1 * t_s, NorthReference.RELATIVE, yaw_rate_rad_s=0.1 * t_s) for t_s in (4.9, 5.0)]
+    state, _ = gyro.update(gyro.START, samples, (5.0, 0.0))
+    assert (state.t_s, state.rate_t_s, state.rate_rad_s, state.offset_rad) == (5.0, 5.0, 0.5, 0.5)
+
+
 def test_heading_of_another_time_is_not_compared():
     boat = Boat().run(10.0)
     sample = HeadingSample(20.0, 0.0, NorthReference.RELATIVE, yaw_rate_rad_s=0.0)

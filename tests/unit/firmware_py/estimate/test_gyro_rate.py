@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import HeadingSample, NorthReference
+from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
 from firmware_py.estimate import delay_test, heading_estimator, heading_filter, heading_model, heading_tick
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.heading_filter import PRIOR
@@ -19,11 +20,14 @@ TIMEOUTS = HeadingTimeouts((2.0, 2.0), 5.0)
 
 
 class Boat:
-    """A boat whose rudder follows a sine, with a compass of 10 Hz and its noise, and a gyroscope or none."""
+    """A boat whose rudder follows a sine, with a compass of 10 Hz and its noise, and a gyroscope or none.
 
-    def __init__(self, *, factor=None, drift_deg_s=0.0, noise_deg=1.0, kick_deg_s=0.0, seed=1):
+    `speed_m_s`: it sends a position each second; None: it has no receiver.
+    """
+
+    def __init__(self, *, factor=None, drift_deg_s=0.0, noise_deg=1.0, kick_deg_s=0.0, speed_m_s=None, seed=1):
         self.rng, self.factor, self.drift_rad_s = np.random.default_rng(seed), factor, radians(drift_deg_s)
-        self.kick_rad_s = radians(kick_deg_s)
+        self.kick_rad_s, self.speed_m_s, self.place = radians(kick_deg_s), speed_m_s, Place(0.6, 2.1)
         self.noise_rad, self.has_compass = radians(noise_deg), True
         self.state = HeadingEstimatorState.at_start(PARAMETERS)
         self.t_s, self.heading_rad, self.rate_rad_s, self.turned_rad = 0.0, 1.0, 0.0, 2.0
@@ -51,13 +55,22 @@ class Boat:
                     )
                 )  # fmt: skip
             self.state, events = heading_estimator.update(
-                settings, self.state, samples, (), rudder_rad, TIMEOUTS, self.t_s
+                settings, self.state, samples, self.positions(), rudder_rad, TIMEOUTS, self.t_s
             )
             self.texts += [event.text for event in events]
             motion = self.state.tick.filter.motion
             self.rate_errors.append(motion.yaw_rate_rad_s + motion.wave_rate_rad_s - self.rate_rad_s)
             self.heading_errors.append(wrap_pi(self.state.heading.heading_rad - self.heading_rad))
         return self
+
+    def positions(self):
+        if self.speed_m_s is None:
+            return ()
+        step_m = 0.1 * self.speed_m_s
+        self.place = self.place.at_offset(step_m * math.cos(self.heading_rad), step_m * math.sin(self.heading_rad))
+        if round(10 * self.t_s) % 10:
+            return ()
+        return (PositionSample(self.t_s, FixType.FIX_3D, self.place.latitude_rad, self.place.longitude_rad),)
 
     def rms_deg(self, errors, seconds):
         return math.degrees(math.sqrt(np.mean(np.square(errors[-round(10 * seconds) :]))))
@@ -96,6 +109,17 @@ def test_gyroscope_without_compass_does_not_keep_the_heading_fresh():
     boat.run(10.0)
     assert boat.t_s - boat.state.heading.sample_t_s == pytest.approx(10.0, abs=0.2)
     assert boat.texts[-1] == "Heading lost: compass A failed"
+
+
+def test_gyroscope_halves_the_error_of_the_course_over_ground_after_the_compass_is_lost():
+    errors_deg = {}
+    for factor in (None, 1.0):
+        boat = Boat(factor=factor, kick_deg_s=0.3, speed_m_s=0.5, drift_deg_s=0.1).run(300.0)
+        boat.has_compass = False
+        boat.run(300.0)
+        assert boat.texts[-1] == "Heading source: course over ground (was compass A)"
+        errors_deg[factor] = boat.rms_deg(boat.heading_errors, 250.0)
+    assert errors_deg[1.0] < 0.6 * errors_deg[None]
 
 
 def test_gyroscope_is_not_used_by_the_observer_and_gives_no_attitude():
