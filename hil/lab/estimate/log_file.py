@@ -56,11 +56,13 @@ def _read_autopilot(path: Path, data: Buffer) -> Recording:
     positions: list[PositionSample] = []
     rudder: list[RudderFeedback] = []
     commands: list[RudderFeedback] = []
+    sensor: list[RudderFeedback] = []
     parameters: Mapping[str, float] | None = None
     for tick in reader:
         headings.extend(sample for sample in tick.inputs.headings if sample.reference is not NorthReference.RELATIVE)
         positions.extend(tick.inputs.positions)
         rudder.extend(tick.inputs.rudder)
+        sensor.extend(RudderFeedback(sample.t_s, sample.rudder_rad) for sample in tick.inputs.rudder_angles)
         commands.append(RudderFeedback(tick.inputs.tick.t_s, tick.command.shaft_rad))
         if parameters is None and tick.checkpoint is not None:
             parameters = _parameters(tick.checkpoint)
@@ -68,7 +70,10 @@ def _read_autopilot(path: Path, data: Buffer) -> Recording:
         notes.append(f"{reader.reading.damaged} damaged ticks ignored")
     if parameters is None:
         notes.append("no stored parameters: defaults are used, and the servo shaft as rudder angle")
-    if not any(sample.shaft_rad is not None for sample in rudder):
+    if sensor:
+        rudder = sensor
+        notes.append("angles of the rudder angle sensor used")
+    elif not any(sample.shaft_rad is not None for sample in rudder):
         rudder = commands
         notes.append("no rudder feedback: the command is used as rudder angle")
     headings = [sample for sample in _keep_increasing(headings) if math.isfinite(sample.heading_rad)]
@@ -92,7 +97,7 @@ def _read_autopilot(path: Path, data: Buffer) -> Recording:
         np.array([t_s for t_s, _ in goals]),
         np.array([goal for _, goal in goals]),
         source=source,
-        is_shaft=True,
+        is_shaft=not sensor,
         ground_m_s=float(np.mean(speeds)) if speeds else None,
         parameters=parameters or {},
         notes=tuple(notes),

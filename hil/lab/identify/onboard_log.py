@@ -27,6 +27,7 @@ Pair = tuple[float, float]
 class _LogData:
     headings: list[HeadingSample] = field(default_factory=list)
     shaft_angles: list[Pair] = field(default_factory=list)
+    sensor_angles: list[Pair] = field(default_factory=list)
     commands: list[Pair] = field(default_factory=list)
     speeds: list[Pair] = field(default_factory=list)
     centre_rad: float = 0.0
@@ -86,6 +87,7 @@ def _gather(ticks: Iterable[LoggedTick]) -> _LogData:
         log_data.shaft_angles.extend(
             (rudder.t_s, rudder.shaft_rad) for rudder in inputs.rudder if rudder.shaft_rad is not None
         )
+        log_data.sensor_angles.extend((sample.t_s, sample.rudder_rad) for sample in inputs.rudder_angles)
         log_data.commands.append((inputs.tick.t_s, tick.command.shaft_rad))
         log_data.speeds.extend(
             (fix.t_s, fix.speed_over_ground_m_s) for fix in inputs.positions if fix.speed_over_ground_m_s is not None
@@ -123,6 +125,10 @@ def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSam
 
 def _rudder(path: Path, log_data: _LogData, notes: list[str]) -> tuple[Floats, Floats]:
     """Return rudder angles [rad] and their times [s]."""
+    sensor = np.array(keep_increasing(log_data.sensor_angles), dtype=np.float64).reshape(-1, 2)
+    if sensor.shape[0] >= MIN_ROWS:
+        notes.append("angles of the rudder angle sensor used")
+        return sensor[:, 1], sensor[:, 0]
     pairs = log_data.shaft_angles
     if len(pairs) < MIN_ROWS:
         pairs = log_data.commands

@@ -102,6 +102,12 @@ def test_parameters_are_also_read_from_their_own_file(write, tmp_path):
         ("CTL_K1 = 41", "CTL_K1 = " + "[" * 3000, "nested too deeply"),
         ("CTL_K1 = 41", "C" * 5000 + " = 41", r"unknown parameter 'C{30}'; near it"),
         ('port = "/dev/ttyUSB2"', 'port = "udp:10110"', r"\[rudder\] port: driver volz writes to its device and needs"),
+        (
+            'port = "/dev/ttyUSB2"',
+            'port = "pwm:/sys/class/pwm/pwmchip0/0"',
+            r"port: driver volz needs a serial port",
+        ),
+        ('driver = "volz"', 'driver = "pwm"', r"\[rudder\] port: driver pwm needs a PWM output, as pwm:/sys"),
         ('urls = ["udpout:127.0.0.1:14550"]', "urls = 5", r"\[link\] urls"),
         ('name = "Ocean Rambler"', "name = 5", r"\[vehicle\] name"),
         ('[vehicle]\nname = "Ocean Rambler"', "vehicle = 5", "must be a section"),
@@ -228,3 +234,13 @@ def test_gyroscope_without_north_is_the_second_compass_and_never_the_first(write
             f"{path}: [compass] driver bno08x_rvc knows no north, and its heading drifts; put it into [compass_b],"
             " where its yaw rate is used, and a compass with north into [compass]"
         )
+
+
+def test_pwm_output_needs_no_baud_rate_and_the_rudder_angle_sensor_may_share_a_port(write):
+    rudder = '[rudder]\ndriver = "pwm"\nport = "pwm:/sys/class/pwm/pwmchip0/1"\ncentre_us = 1480\n'
+    sensor = '[rudder_angle]\ndriver = "nmea"\nport = "/dev/c"\nbaud = 4800\noffset_deg = -2\n'
+    compass = '[compass]\ndriver = "nmea"\nport = "/dev/c"\nbaud = 4800\n'
+    vehicle = load(write(compass + rudder + sensor))
+    assert (vehicle.rudder.port, vehicle.rudder.options.centre_us) == ("pwm:/sys/class/pwm/pwmchip0/1", 1480.0)
+    assert vehicle.rudder_angle is not None
+    assert vehicle.rudder_angle.options.offset_deg == -2.0

@@ -185,6 +185,14 @@ def test_bench_refuses_a_silent_servo():
         bench_of(SimulatedServo(sends=False, state=DeviceState.SILENT)).release()
 
 
+def test_servo_that_measures_no_angle_is_refused_with_the_remedy():
+    servo = SimulatedServo()
+    servo.poll = lambda: (RudderFeedback(servo.time_s),)
+    with pytest.raises(BenchError, match="this servo measures no angle; set its pulses"):
+        bench_of(servo).move(0.1)
+    assert bench_of(servo).release() is None
+
+
 def test_missing_port_is_a_one_line_error(capsys, tmp_path):
     path = tmp_path / "boat.toml"
     path.write_text(

@@ -59,6 +59,7 @@ class Boat:
         self.state = State.at_start(parameters or ParameterSet())
         self.heading_rad, self.rate_rad_s, self.shaft_rad = heading_rad, 0.0, 0.0
         self.index = 0
+        self.measures, self.effect = True, 1.0  # whether the servo measures its angle; effect of the rudder
         self.compass = self.servo = True
         self.compass_ticks = self.position_ticks = self.servo_ticks = 1  # interval of samples
         self.position = None
@@ -76,7 +77,8 @@ class Boat:
         heading = HeadingSample(
             t_s - 0.002, (self.heading_rad + self.rng.gauss(0.0, self.noise_rad)) % (2 * math.pi), NorthReference.TRUE
         )
-        feedback = RudderFeedback(t_s - 0.05, self.shaft_rad, hardware_error=self.hardware_error)
+        shaft_rad = self.shaft_rad if self.measures else None
+        feedback = RudderFeedback(t_s - 0.05, shaft_rad, hardware_error=self.hardware_error)
         inputs = Inputs(
             Tick(self.index, t_s, 0.0001, skipped, 10.0),
             (heading,) if self.compass and self.index % self.compass_ticks == 0 else (),
@@ -93,7 +95,7 @@ class Boat:
         if self.servo:
             self.shaft_rad = output.command.shaft_rad
         self.heading_rad, self.rate_rad_s = rk4_step(
-            self.heading_rad, self.rate_rad_s, self.shaft_rad, 0.1, 0.049, 4.0, 17.0, 0.0
+            self.heading_rad, self.rate_rad_s, self.effect * self.shaft_rad, 0.1, 0.049, 4.0, 17.0, 0.0
         )
         if self.position:
             self.sail(0.1)
@@ -739,3 +741,34 @@ def test_missing_power_monitor_is_reported_and_power_saving_continues():
     boat.charge = None
     assert boat.pass_time(120.0).snapshot.power_saving_level == 1
     assert "Power monitor: no data" in boat.events
+
+
+def test_rudder_without_a_measured_angle_is_estimated():
+    boat = Boat()
+    boat.measures = False
+    boat.get_under_way()
+    boat.tick(SteerHeading(1.5))
+    snapshot = boat.run(1.0).snapshot
+    assert snapshot.rudder_rad is None
+    assert 0.1 < snapshot.rudder_estimate_rad < snapshot.rudder_command_rad
+    boat.run(120.0)
+    assert error_deg(boat, 1.5) < 1.0
+    assert boat.events.count("Rudder angle: estimated") == 1
+    assert state_from_text(state_to_text(boat.state))[0].rudder == boat.state.rudder
+
+
+@pytest.mark.parametrize("effect", [0.0, -1.0])
+def test_lost_or_reversed_rudder_without_a_measured_angle_is_reported_by_the_turns(effect):
+    boat = Boat(noise_rad=math.radians(0.3))
+    boat.measures = False
+    boat.get_under_way()
+    for goal_rad in (1.2, 0.5, 1.2):
+        boat.tick(SteerHeading(goal_rad))
+        boat.run(60.0)
+    boat.effect = effect
+    for goal_rad in (0.5, 1.2, 0.5, 1.2, 0.5):
+        boat.tick(SteerHeading(goal_rad))
+        boat.run(60.0)
+    texts = "Steering lost: no response to the rudder", "Steering reversed: disarm, then change RUD_REVERSE"
+    assert texts[effect < 0.0] in boat.events
+    assert not [text for text in boat.events if text.startswith("Rudder jammed")]

@@ -14,6 +14,7 @@ from firmware_py.vehicle import Vehicle, read_device
 from hil.errors import UsageError
 from hil.ship import scenarios
 from hil.sim.adapters import open_adapters
+from hil.sim.board import Board
 from hil.sim.device_factory import COMPASSES, SERVOS, make_emulators
 from hil.sim.vehicle_file import file_text, standard_vehicle, with_devices
 from hil.sim.world import World
@@ -164,3 +165,49 @@ def test_disturbances_wind_and_depth_add_their_sensors():
 def test_every_driver_has_an_emulated_device():
     assert {device.driver for device in COMPASSES.values()} == set(SECTIONS["compass"])
     assert {device.driver for device in SERVOS.values()} == set(SECTIONS["rudder"])
+
+
+def with_rudder_angle(vehicle, **options):
+    values = {"driver": "nmea", "port": "/dev/x", "baud": 4800, **options}
+    return replace(vehicle, rudder_angle=read_device("rudder_angle", values, "[rudder_angle]"))
+
+
+def test_rudder_angle_sensor_is_emulated_and_does_not_change_the_other_devices():
+    vehicle = with_rudder_angle(standard_vehicle(), offset_deg=20.0, scale=2.0)
+    outputs, outputs_without = outputs_of(vehicle, 1), outputs_of(standard_vehicle(), 1)
+    sentences = outputs.pop("rudder_angle").splitlines()
+    assert 28 <= len(sentences) <= 31
+    assert all(float(sentence.split(b",")[1]) == pytest.approx(20.0, abs=1.5) for sentence in sentences)
+    assert outputs == outputs_without
+    ports = dict.fromkeys(("compass", "position", "rudder", "rudder_angle", "link"), "/dev/y")
+    section = tomllib.loads(file_text(vehicle, ports, {}))["rudder_angle"]
+    assert section == {"driver": "nmea", "port": "/dev/y", "baud": 4800, "offset_deg": 20.0, "scale": 2.0}
+
+
+@pytest.mark.parametrize("servo", ["maestro", "pwm"])
+def test_hobby_servo_has_the_scale_of_the_vehicle_file(servo):
+    boat = with_devices(standard_vehicle(), None, servo)
+    options = dataclasses.replace(boat.rudder.options, minus_us=1900.0, plus_us=1200.0, end_deg=40.0)
+    world = World(scenarios.find_scenario("calm"), 1)
+    device = make_emulators(world, replace(boat, rudder=replace(boat.rudder, options=options)), 1)["rudder"]
+    for pulse_us, angle_deg in ((1900.0, -40.0), (1350.0, 20.0)):
+        quarters = round(4 * pulse_us)
+        data = bytes([0x84, 0, quarters & 0x7F, quarters >> 7]) if servo == "maestro" else b"%d\n" % (1e3 * pulse_us)
+        device.receive(world.now_s, data)
+        assert math.degrees(world.shaft.target_rad) == pytest.approx(angle_deg)
+
+
+def test_pwm_output_has_a_chip_on_the_board_and_no_adapter(tmp_path):
+    vehicle = with_devices(standard_vehicle(), None, "pwm")
+    devices = make_emulators(CALM_WORLD, vehicle, 1)
+    with Board(CALM_WORLD, devices, tmp_path) as board:
+        paths = board.paths()
+        assert paths["rudder"] == f"pwm:{tmp_path}/rudder/0"
+        assert board.port_at(paths["rudder"]).path == tmp_path / "rudder"
+        assert (tmp_path / "rudder" / "pwm0" / "duty_cycle").is_fifo()
+    assert not (tmp_path / "rudder").exists()
+    with (
+        pytest.raises(UsageError, match="--servo-port: a servo on a PWM output has no serial line"),
+        open_adapters({"rudder": "/dev/x"}, devices, vehicle),
+    ):
+        pass

@@ -5,10 +5,17 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from firmware_py.common.records import RudderAngleSample
+from firmware_py.common.reports import Output
+from firmware_py.log import schema
+from firmware_py.log.dataflash import header
+from firmware_py.log.reader import LogReader
 from hil.__main__ import main
 from hil.lab.estimate import log_file, page
 from support.ardupilot_log import log_bytes
+from support.link import SNAPSHOT
 from support.paths import ROOT
 from support.recorded_sea import sea, text_of
 
@@ -316,3 +323,20 @@ def test_missing_file_is_refused(tmp_path, capsys):
     assert main(["estimate", str(tmp_path / "x.BIN")]) == 2
     assert main(["estimate", str(tmp_path / "x.csv")]) == 2
     assert capsys.readouterr().err.count("No such file") == 2
+
+
+def test_angles_of_a_rudder_angle_sensor_replace_those_of_the_shaft(tmp_path):
+    """The log of a run, with a sensor that shows another angle than the shaft."""
+    rewritten = tmp_path / "sensor.BIN"
+    data = [header(schema.TYPES, 0)]
+    for number, tick in enumerate(LogReader(LOGS / "tank.BIN")):
+        inputs = replace(tick.inputs, rudder_angles=(RudderAngleSample(tick.inputs.tick.t_s, 0.3),))
+        batch = schema.TICK.pack(inputs.tick.t_s, inputs.tick) + schema.encode_inputs(inputs)
+        batch += schema.CONTROL.pack(inputs.tick.t_s, Output(tick.command, SNAPSHOT))
+        data.append(schema.append_end(batch, inputs.tick.t_s, number))
+    rewritten.write_bytes(b"".join(data))
+    recording = log_file.read(rewritten)
+    assert not recording.is_shaft
+    assert {sample.shaft_rad for sample in recording.rudder} == {0.3}
+    assert "angles of the rudder angle sensor used" in recording.notes
+    assert log_file.read(LOGS / "tank.BIN").is_shaft

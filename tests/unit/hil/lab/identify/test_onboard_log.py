@@ -6,7 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample, RudderFeedback, Tick
+from firmware_py.common.records import (
+    FixType,
+    HeadingSample,
+    NorthReference,
+    PositionSample,
+    RudderAngleSample,
+    RudderFeedback,
+    Tick,
+)
 from firmware_py.log import schema
 from firmware_py.log.dataflash import header
 from hil.errors import UsageError
@@ -85,3 +93,14 @@ def test_invalid_state_is_ignored(read_log, state):
     recording = read_log(*messages_at(range(30), heading, shaft), state=state)
     assert set(recording.rudder_rad) == {0.1}
     assert "no stored parameters: the shaft angle is used as rudder angle" in recording.notes
+
+
+def sensor(t_s):
+    return schema.RUDDER_ANGLE.pack(t_s, RudderAngleSample(t_s, 0.25))
+
+
+@pytest.mark.parametrize(("count", "rudder_rad"), [(30, 0.25), (3, -0.1)])
+def test_angle_of_a_rudder_angle_sensor_is_used_if_there_are_enough(read_log, count, rudder_rad):
+    recording = read_log(*messages_at(range(30), heading, shaft), *messages_at(range(count), sensor))
+    assert set(recording.rudder_rad) == {rudder_rad}
+    assert ("angles of the rudder angle sensor used" in recording.notes) is (count == 30)
