@@ -23,9 +23,12 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Water
 from firmware_py.core import instruments
+from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.instruments import InstrumentLimits, InstrumentState
-from firmware_py.core.state import State
+from firmware_py.core.instruments_step import watch_instruments
+from firmware_py.core.state import State, settings_of
 from firmware_py.core.step import step
+from firmware_py.estimate.declination import Declination
 from firmware_py.faults.fault import Fault
 
 WATER = Water(0.5, 0.1, 0.2, -0.1, 0.1, leeway_rad=0.1)
@@ -56,7 +59,7 @@ def test_velocity_is_that_of_the_fix_then_that_through_the_water_with_the_curren
 def test_measurement_is_recent_for_fifteen_seconds():
     sample = DepthSample(10.0, 20.0)
     assert instruments.is_recent(sample, 25.0)
-    assert not instruments.is_recent(sample, 25.1)
+    assert not instruments.is_recent(sample, 25.01)
     assert not instruments.is_recent(None, 0.0)
     state = InstrumentState(depth=sample)
     assert instruments.recent_depth_m(state, 25.0) == 20.0
@@ -69,6 +72,52 @@ def test_measurement_is_recent_for_fifteen_seconds():
     )
     assert instruments.recent_mean_wind_m_s(windy, 25.0) == pytest.approx(6.0)
     assert instruments.recent_mean_wind_m_s(windy, 25.1) is None
+
+
+def test_newest_of_several_depths_is_used():
+    motion = instruments.boat_motion(None, None, None, 0.0)
+    both = tick_inputs(1.0, depth=(DepthSample(0.9, 20.0), DepthSample(1.0, 21.0)))
+    assert instruments.update(InstrumentState(), both, motion).depth == DepthSample(1.0, 21.0)
+
+
+APPARENT = (WindSample(10.0, 6.0, 0.0, WindReference.APPARENT),)
+FRESH = Freshness(Age.FRESH, Age.FRESH, Age.FRESH)
+
+
+def wind_of(state, samples=APPARENT, freshness=FRESH, **parameters):
+    """Return the wind after a tick at 10 s."""
+    values = ParameterSet()
+    for name, value in parameters.items():
+        values = values.replaced(name, value)
+    state, _ = watch_instruments(settings_of(values), state, tick_inputs(10.0, wind=samples), freshness)
+    return state.instruments.wind.report
+
+
+def test_apparent_wind_needs_a_fresh_heading():
+    assert wind_of(State()).wind_m_s is not None
+    assert wind_of(State(), freshness=Freshness(Age.OLD, Age.FRESH, Age.FRESH)).wind_m_s is None
+
+
+def test_velocity_of_an_old_fix_is_not_used():
+    """At heading 0 the boat makes 0.5 m/s through the water (CRUISE_SPEED), and 1.5 m/s to the north by the fix."""
+    state = State.at_start(ParameterSet())
+    fix = replace(FIX, course_over_ground_rad=0.0)
+    state = replace(state, position=replace(state.position, fix=fix))
+    assert wind_of(state).north_m_s == pytest.approx(-6.0 + 1.5)
+    assert wind_of(state, freshness=Freshness(Age.FRESH, Age.OLD, Age.FRESH)).north_m_s == pytest.approx(-6.0 + 0.5)
+
+
+def test_wind_from_magnetic_north_uses_the_declination_of_the_parameter_or_the_model():
+    magnetic = (WindSample(10.0, 6.0, 0.0, WindReference.MAGNETIC),)
+    state = State()
+    estimator = replace(state.heading_estimator, declination=Declination(declination_rad=0.2))
+    state = replace(state, heading_estimator=estimator)
+    by_parameter = wind_of(state, magnetic, CMP_DECL_DEG=30.0)
+    assert by_parameter.from_rad == pytest.approx(math.radians(30.0))
+    by_model = wind_of(state, magnetic, CMP_DECL_DEG=30.0, CMP_DECL_AUTO=1.0)
+    assert by_model.from_rad == pytest.approx(0.2)
+    without_position = wind_of(State(), magnetic, CMP_DECL_DEG=30.0, CMP_DECL_AUTO=1.0)
+    assert without_position.from_rad == pytest.approx(math.radians(30.0))
 
 
 def test_limits_are_those_of_the_parameters():
@@ -162,6 +211,14 @@ def test_strong_wind_is_set_after_thirty_seconds_and_cleared_after_a_minute():
     _, snapshot, texts = run(parameters, 250, wind_m_s=13.0, state=state, start_s=330.0)
     assert [text for _, text in texts_about("Wind", texts)] == ["Wind no longer strong"]
     assert not is_set(snapshot, Fault.WIND_STRONG)
+
+
+def test_strong_wind_is_cleared_sixty_seconds_after_the_last_strong_mean():
+    parameters = ParameterSet().replaced("WIND_MAX", 15.0)
+    state, _, _ = run(parameters, 40, wind_m_s=16.0)
+    state, _, _ = run(parameters, 200, state=state, start_s=40.0)  # silent: the fault stays
+    _, _, texts = run(parameters, 80, wind_m_s=5.0, state=state, start_s=240.0)
+    assert texts_about("Wind", texts) == [(299.0, "Wind no longer strong")]
 
 
 def test_without_limits_nothing_is_reported():

@@ -130,8 +130,8 @@ def test_gust_is_forgotten_after_ten_minutes():
     for t_s, wind in enumerate(winds):
         state = update(state, (sample(float(t_s), wind, 0.0),), AT_REST)
         gusts.append(state.report.gust_m_s)
-    assert gusts[599] == pytest.approx(12.0)
-    assert gusts[-1] == pytest.approx(4.0)
+    assert gusts[600] == pytest.approx(12.0)
+    assert gusts[601] == pytest.approx(4.0)
     assert len(state.peaks) <= 10
 
 
@@ -143,6 +143,14 @@ def test_memory_is_limited_and_old_seconds_are_not_used():
     report = update(state, (sample(5000.0, 9.0, 180.0),), AT_REST).report
     assert (report.wind_m_s, report.mean_m_s) == (pytest.approx(9.0), pytest.approx(9.0))
     assert math.degrees(report.from_rad) == pytest.approx(180.0)
+
+
+def test_mean_of_two_minutes_ends_with_the_newest_sample_also_without_a_heading():
+    winds = [10.0] + [4.0] * 119
+    state = state_after(*(sample(float(t_s), wind, 0.0, WindReference.BOW) for t_s, wind in enumerate(winds)))
+    assert state.report.mean_m_s == pytest.approx(4.05)
+    lost = update(state, (sample(120.0, 9.0, 0.0, WindReference.BOW),), Motion(None, 0.0, 0.0))
+    assert lost.report.mean_m_s == pytest.approx(4.0)
 
 
 def test_report_during_a_loss_of_the_heading_becomes_empty():

@@ -114,3 +114,18 @@ def test_preference_is_reset_when_the_port_is_reopened(deliver, sounder, line):
     assert depths(deliver(sounder, DBS, now_s=1.0)) == [9.0]
     line.plug()
     assert depths(deliver(sounder, DBK, now_s=2.0)) == [8.5]
+
+
+def test_remark_ends_with_a_depth(deliver, sounder):
+    deliver(sounder, "SDDPT,,0.5")
+    assert sounder.health(1.0).text == "SDDPT: no bottom"
+    deliver(sounder, DPT)
+    assert sounder.health(1.0).text == ""
+
+
+def test_number_of_samples_between_two_polls_is_limited(sounder, line, nmea):
+    for second in range(20):
+        line.inbox += nmea(DPT) * 30
+        sounder.receive(float(second))
+    assert len(sounder.poll()) == 256
+    assert len(sounder.poll()) == 0

@@ -158,6 +158,19 @@ def test_incomplete_sentence_before_a_reopening_is_discarded(deliver, sensor, li
     assert not deliver(sensor, b".1,N,A*23\r\n", now_s=2.0)
 
 
+def test_remark_ends_with_a_wind(deliver, sensor):
+    deliver(sensor, "WIMWV,251.4,R,3.1,N,V")
+    assert sensor.health(1.0).text == "WIMWV: no wind"
+    deliver(sensor, APPARENT)
+    assert sensor.health(1.0).text == ""
+
+
+def test_preference_is_reset_when_the_port_is_reopened(deliver, sensor, line):
+    assert references(deliver(sensor, APPARENT, now_s=1.0)) == [WindReference.APPARENT]
+    line.plug()
+    assert references(deliver(sensor, MAGNETIC, now_s=2.0)) == [WindReference.MAGNETIC]
+
+
 def test_number_of_samples_between_two_polls_is_limited(sensor, line, nmea):
     for second in range(20):
         line.inbox += nmea(APPARENT) * 30
