@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.__main__ import main
+from firmware_py.cli import state as state_command
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.link.signing import KeyRecord, find_key
 from firmware_py.link.signing import to_text as key_to_text
@@ -321,3 +322,17 @@ def test_other_bytes_are_refused(data):
     for content in (data, header + data):
         with pytest.raises(BrokenExportError):
             unpack(content)
+
+
+@pytest.mark.parametrize(
+    ("previous", "new", "text"),
+    [
+        (None, None, "nothing"),
+        (b"abc", None, "nothing, instead of 3 bytes"),
+        (None, b"ab", "2 bytes"),
+        (b"ab", b"ab", "2 bytes, as before"),
+        (b"abc", b"ab", "2 bytes, instead of 3"),
+    ],
+)
+def test_change_of_a_file_by_an_import_is_described(previous, new, text):
+    assert state_command._describe_change(previous, new) == text

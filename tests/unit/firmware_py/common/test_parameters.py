@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from firmware_py.cli.parameter_page import markdown
 from firmware_py.common.parameter_row import Kind, ParameterError, to_single
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.parameters import ParameterSet, format_file, format_value, parse_file
+from firmware_py.common.parameters import ParameterSet, format_file, format_value, parse_file, similar_names
 
 
 def test_names_are_short_unique_and_sorted():
@@ -56,6 +56,8 @@ def test_set_is_immutable_and_compared_by_value():
 def test_unknown_name_is_rejected_with_similar_names():
     with pytest.raises(ParameterError, match=r"CTL_K3.*CTL_K1"):
         ParameterSet().replaced("CTL_K3", 1.0)
+    assert similar_names("ctl_k3") == ("CTL_K1", "CTL_K2", "CTL_HOLD_S")
+    assert similar_names("LIMIT_DEG")[0] == "RUD_LIMIT_DEG"
 
 
 def test_fractions_of_integers_and_unknown_choices_are_rejected():

@@ -100,3 +100,19 @@ def test_a_changed_mounting_angle_restarts_the_filter():
     state, inputs = sail([0.5]), DeviationInput((), 0.0, None, 0.5, (0.0, 0.0, 0.5))
     assert deviation_filter.update(NO_CORRECTION, state, inputs, 1e5).x
     assert not deviation_filter.update(DeviationSettings(0.1, (0.0,) * 5), state, inputs, 1e5).x
+
+
+@pytest.mark.parametrize(
+    ("sectors_sailed", "sd_deg", "is_ready"), [(8, 0.74, True), (7, 0.74, False), (8, 0.76, False), (12, 0.1, True)]
+)
+def test_proposal_needs_8_sectors_and_three_quarters_of_a_degree(sectors_sailed, sd_deg, is_ready):
+    variance = radians(sd_deg) ** 2 / 3.0  # 1 + sin^2 + cos^2 + sin^2 + cos^2 = 3
+    state = DeviationState(
+        x=(*DEVIATION, 0.0, 0.0, 0.5),
+        p=(variance * np.eye(8)).tobytes(),
+        sectors=(1,) * sectors_sailed + (0,) * (12 - sectors_sailed),
+    )
+    estimate = deviation_filter.result(NO_CORRECTION, state)
+    assert estimate.ready is is_ready
+    assert estimate.sd_rad == pytest.approx(radians(sd_deg))
+    assert estimate.off_rad == pytest.approx(max(abs(deviation_rad(DEVIATION, TWO_PI * n / 36)) for n in range(36)))
