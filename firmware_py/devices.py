@@ -125,7 +125,10 @@ RUDDERS: DriverRegistry[Rudder] = DriverRegistry(
     },
 )
 RUDDER_ANGLES: DriverRegistry[RudderAngle] = DriverRegistry(
-    "rudder_angle", DeviceRole.RUDDER_ANGLE, (RudderAngleSample,), {"nmea": "firmware_py.sensors.nmea_rudder:DRIVER"}
+    "rudder_angle",
+    DeviceRole.RUDDER_ANGLE,
+    (RudderAngleSample,),
+    {"nmea": "firmware_py.sensors.nmea_rudder:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_rudder:DRIVER"},
 )
 POWERS: DriverRegistry[Power] = DriverRegistry(
     "power",
@@ -140,10 +143,16 @@ AIS: DriverRegistry[Vessels] = DriverRegistry(
     {"nmea": "firmware_py.sensors.ais:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_ais:DRIVER"},
 )
 WINDS: DriverRegistry[Wind] = DriverRegistry(
-    "wind", DeviceRole.WIND, (WindSample,), {"nmea": "firmware_py.sensors.nmea_wind:DRIVER"}
+    "wind",
+    DeviceRole.WIND,
+    (WindSample,),
+    {"nmea": "firmware_py.sensors.nmea_wind:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_wind:DRIVER"},
 )
 DEPTHS: DriverRegistry[Depth] = DriverRegistry(
-    "depth", DeviceRole.DEPTH, (DepthSample,), {"nmea": "firmware_py.sensors.nmea_depth:DRIVER"}
+    "depth",
+    DeviceRole.DEPTH,
+    (DepthSample,),
+    {"nmea": "firmware_py.sensors.nmea_depth:DRIVER", "nmea2000": "firmware_py.sensors.nmea2000_depth:DRIVER"},
 )
 
 # Drivers of each section of a vehicle file.

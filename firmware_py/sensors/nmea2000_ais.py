@@ -14,7 +14,7 @@ from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
-from firmware_py.common.records import DeviceHealth, DeviceRole
+from firmware_py.common.records import DeviceRole
 from firmware_py.common.vessels import (
     MAX_CALL_SIGN_CHARACTERS,
     MAX_NAME_CHARACTERS,
@@ -26,12 +26,11 @@ from firmware_py.common.vessels import (
     is_distress_number,
 )
 from firmware_py.sensors.ais_messages import MAX_MMSI
-from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import RANGE, MessageError
+from firmware_py.sensors.nmea2000_device import Nmea2000Device, numbers_of
 from firmware_py.sensors.nmea2000_frames import Message
-from firmware_py.sensors.nmea2000_layout import Values, read_numbers, read_texts
-from firmware_py.sensors.nmea2000_reader import Nmea2000Options, Nmea2000Reader
-from firmware_py.sensors.nmea2000_source import SourceSelection
+from firmware_py.sensors.nmea2000_layout import Values, read_texts
+from firmware_py.sensors.nmea2000_reader import Nmea2000Options
 from firmware_py.sensors.nmea2000_table import LAYOUTS
 from firmware_py.sensors.vessel_queue import VesselQueue
 
@@ -57,48 +56,32 @@ class Nmea2000AisOptions(Nmea2000Options):
     )
 
 
-class Nmea2000Ais:
-    """Returns the newest reports of other vessels, as AisReceiver does for NMEA 0183."""
+class Nmea2000Ais(Nmea2000Device[VesselReport]):
+    """Returns the newest reports of other vessels, as AisReceiver does for NMEA 0183.
+
+    Every message with a report counts as accepted.
+    """
 
     def __init__(self, line: ByteLine, options: Nmea2000AisOptions) -> None:
         """Store the line and the options."""
+        pgns = (POSITION_A, POSITION_B, STATIC_A, STATIC_B_NAME, STATIC_B_SIZE)
+        super().__init__(line, options, DeviceRole.AIS, "AIS", pgns, SOURCE_TIMEOUT_S, SILENT_AFTER_S)
         self._own_mmsi = options.own_mmsi
         self._learns_own_mmsi = not options.own_mmsi
-        self._monitor = DeviceMonitor(line, DeviceRole.AIS, SILENT_AFTER_S)
-        self._selection = SourceSelection("AIS", options.source, SOURCE_TIMEOUT_S)
-        pgns = (POSITION_A, POSITION_B, STATIC_A, STATIC_B_NAME, STATIC_B_SIZE)
-        self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
         self._queue = VesselQueue()
 
     def fileno(self) -> int:
         """Return -1: AIS data do not wake the loop."""
         return -1
 
-    def receive(self, now_s: float) -> None:
-        """Decode the received bytes with the time stamp now_s."""
-        if self._monitor.notice_reopening():
-            self._reader.restart()
-        for message in self._reader.read(now_s):
-            try:
-                self._handle_message(message, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-        self._reader.report_source(now_s)
-
     def poll(self) -> Sequence[VesselReport]:
         """Return the oldest pending reports, a limited number; positions first, as in the log."""
         return self._queue.take()
 
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the health of the device; every message with a report counts as accepted."""
-        return self._monitor.health(now_s)
-
     def _handle_message(self, message: Message, now_s: float) -> None:
-        if not self._selection.accepts(message.source, now_s):
+        if not self._is_used(message, now_s):
             return
-        self._reader.note_used(now_s)
-        layout = LAYOUTS[message.pgn]
-        values = read_numbers(layout, message.data)
+        values = numbers_of(message)
         mmsi = int(values["user_id"] or 0)
         if values["ais_transceiver_information"] in _OWN_TRANSMISSIONS:
             if self._learns_own_mmsi and mmsi:
@@ -114,7 +97,7 @@ class Nmea2000Ais:
             kind = VesselKind.CLASS_A if message.pgn == POSITION_A else VesselKind.CLASS_B
             report = position_of(mmsi, kind, values, now_s)
         else:
-            report = identity_of(mmsi, values, read_texts(layout, message.data), now_s)
+            report = identity_of(mmsi, values, read_texts(LAYOUTS[message.pgn], message.data), now_s)
         if report is None:
             return
         self._monitor.accept(now_s)

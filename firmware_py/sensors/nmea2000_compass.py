@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
 
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.device_monitor import DeviceMonitor
-from firmware_py.sensors.message_error import MessageError
+from firmware_py.common.records import DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.nmea2000_capture import CAPTURE_FORMAT
+from firmware_py.sensors.nmea2000_device import Nmea2000Device, numbers_of
 from firmware_py.sensors.nmea2000_frames import Message
 from firmware_py.sensors.nmea2000_heading import HEADING, Heading, heading_of
-from firmware_py.sensors.nmea2000_layout import read_numbers
-from firmware_py.sensors.nmea2000_reader import Nmea2000Options, Nmea2000Reader
-from firmware_py.sensors.nmea2000_source import SourceSelection
-from firmware_py.sensors.nmea2000_table import LAYOUTS
+from firmware_py.sensors.nmea2000_reader import Nmea2000Options
 
 RATE_OF_TURN, ATTITUDE = 127251, 127257
 SOURCE_TIMEOUT_S = 3.0  # then another device may become the source; the standard interval is 0.1 s
@@ -26,57 +20,26 @@ ATTITUDE_HOLD_S = 2.5  # the standard interval is 1 s
 MAX_TURN_RATE_RAD_S = math.radians(60.0)
 MAX_PITCH_RAD = math.pi / 2.0
 MIN_TRUE_HEADINGS, TRUE_HOLD_S = 3, 2.0
-MAX_SAMPLES = 512  # between two polls
 
 
-class Nmea2000Compass:
+class Nmea2000Compass(Nmea2000Device[HeadingSample]):
     """Returns every heading (PGN 127250) of one device, with its rate of turn (127251), roll and pitch (127257).
 
     All true headings are returned; magnetic ones are ignored after
-    MIN_TRUE_HEADINGS true ones at intervals of at most TRUE_HOLD_S. Messages of other devices are not used.
+    MIN_TRUE_HEADINGS true ones at intervals of at most TRUE_HOLD_S. Messages of other devices are not used. Only
+    headings count as accepted.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000Options) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
-        self._selection = SourceSelection("heading", options.source, SOURCE_TIMEOUT_S)
         pgns = (HEADING, RATE_OF_TURN, ATTITUDE)
-        self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
-        self._source: int | None = None
+        super().__init__(line, options, DeviceRole.COMPASS, "heading", pgns, SOURCE_TIMEOUT_S)
         self._turn_rate: tuple[float, float | None] = (-math.inf, None)  # time, rate
         self._attitude: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, roll, pitch
         self._true_count = 0
         self._true_s = 0.0
 
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
-
-    def receive(self, now_s: float) -> None:
-        """Decode the received bytes with the time stamp now_s."""
-        if self._monitor.notice_reopening():
-            self._reader.restart()
-            self._forget()
-        for message in self._reader.read(now_s):
-            try:
-                self._handle_message(message, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-        self._reader.report_source(now_s)
-
-    def poll(self) -> Sequence[HeadingSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; only headings count as accepted."""
-        return self._monitor.health(now_s)
-
-    def _forget(self) -> None:
+    def _forget(self, _now_s: float) -> None:
         """Discard the values of the previous device."""
         self._turn_rate = (-math.inf, None)
         self._attitude = (-math.inf, None, None)
@@ -85,7 +48,7 @@ class Nmea2000Compass:
     def _handle_message(self, message: Message, now_s: float) -> None:
         if message.pgn != HEADING and message.source != self._selection.address:
             return
-        values = read_numbers(LAYOUTS[message.pgn], message.data)
+        values = numbers_of(message)
         if message.pgn == RATE_OF_TURN:
             self._turn_rate = now_s, _within(values["rate_rad_s"], MAX_TURN_RATE_RAD_S)
         elif message.pgn == ATTITUDE:
@@ -94,15 +57,11 @@ class Nmea2000Compass:
             # A device without a heading does not become or remain the source.
             if message.source == self._selection.address:
                 self._monitor.note("no heading from the device")
-        elif self._selection.accepts(message.source, now_s):
-            self._handle_heading(message.source, heading, now_s)
+        elif self._is_used(message, now_s):
+            self._handle_heading(heading, now_s)
 
-    def _handle_heading(self, source: int, heading: Heading, now_s: float) -> None:
-        if source != self._source:
-            self._source = source
-            self._forget()
+    def _handle_heading(self, heading: Heading, now_s: float) -> None:
         heading_rad, reference, variation_rad = heading
-        self._reader.note_used(now_s)
         if reference is NorthReference.TRUE:
             self._true_count = self._true_count + 1 if now_s - self._true_s <= TRUE_HOLD_S else 1
             self._true_s = now_s

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
-from firmware_py.sensors.message_error import MessageError
+from firmware_py.common.records import DeviceRole, FixType, PositionSample
+from firmware_py.sensors.nmea2000_device import Nmea2000Device, numbers_of
 from firmware_py.sensors.nmea2000_frames import Message
-from firmware_py.sensors.nmea2000_layout import Values, read_numbers
-from firmware_py.sensors.nmea2000_reader import Nmea2000Options, Nmea2000Reader
-from firmware_py.sensors.nmea2000_source import SourceSelection
-from firmware_py.sensors.nmea2000_table import LAYOUTS
+from firmware_py.sensors.nmea2000_layout import Values
+from firmware_py.sensors.nmea2000_reader import Nmea2000Options
 
 SYSTEM_TIME, POSITION, COURSE, GNSS_POSITION = 126992, 129025, 129026, 129029
 SOURCE_TIMEOUT_S = 5.0  # then another device may become the source
@@ -28,7 +24,6 @@ MAX_REPEATED_TIME_S = 3.0  # a hanging receiver repeats a time for longer
 MAX_SPEED_M_S = 200.0
 MIN_ALTITUDE_M, MAX_ALTITUDE_M = -1e3, 1e5
 MIN_UTC_S = 315_532_800.0  # 1980-01-01
-MAX_SAMPLES = 512  # between two polls
 _SECONDS_PER_DAY = 86_400
 _TRUE = 0  # reference of the course
 _UNSAFE = 3  # integrity
@@ -43,74 +38,38 @@ _FIXES: Mapping[float | int | None, FixType] = {
 }
 
 
-class Nmea2000Position:
+class Nmea2000Position(Nmea2000Device[PositionSample]):
     """Returns one sample per PGN 129029 of one device, with the latest course and speed (129026) of the device.
 
     PGN 129029 states how the position was measured. A receiver that does not send it gives one sample per PGN 129025
-    instead, as a fix without altitude, with the time of PGN 126992.
+    instead, as a fix without altitude, with the time of PGN 126992. Every position
+    message of the device counts as accepted, also one without a fix.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000Options) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
-        self._selection = SourceSelection("position", options.source, SOURCE_TIMEOUT_S)
         pgns = (SYSTEM_TIME, POSITION, COURSE, GNSS_POSITION)
-        self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
-        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
-        self._source: int | None = None
+        super().__init__(line, options, DeviceRole.POSITION, "position", pgns, SOURCE_TIMEOUT_S)
         self._gnss_s = 0.0  # time of the last PGN 129029, or of the choice of the device
         self._course: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, course, speed
         self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
         self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
 
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
-
-    def receive(self, now_s: float) -> None:
-        """Decode the received bytes with the time stamp now_s."""
-        if self._monitor.notice_reopening():
-            self._reader.restart()
-            self._forget()
-            self._source = None
-        for message in self._reader.read(now_s):
-            try:
-                self._handle_message(message, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-        self._reader.report_source(now_s)
-
-    def poll(self) -> Sequence[PositionSample]:
-        """Return the fixes since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every position message of the device counts as accepted, also one without a fix."""
-        return self._monitor.health(now_s)
-
-    def _forget(self) -> None:
+    def _forget(self, now_s: float) -> None:
         """Discard the values of the previous device."""
+        self._gnss_s = now_s  # PGN 129029 of the device may follow
         self._course = (-math.inf, None, None)
         self._utc = self._last_utc = None
 
     def _handle_message(self, message: Message, now_s: float) -> None:
-        pgn, source = message.pgn, message.source
+        pgn, values = message.pgn, numbers_of(message)
         if pgn in (SYSTEM_TIME, COURSE):
-            if source == self._selection.address:
-                self._note_values(pgn, read_numbers(LAYOUTS[pgn], message.data), now_s)
+            if message.source == self._selection.address:
+                self._note_values(pgn, values, now_s)
             return
-        values = read_numbers(LAYOUTS[pgn], message.data)
-        if not self._selection.accepts(source, now_s):
+        if not self._is_used(message, now_s):
             return
-        if source != self._source:
-            self._source = source
-            self._forget()
-            self._gnss_s = now_s  # PGN 129029 may follow
         self._monitor.accept(now_s)
-        self._reader.note_used(now_s)
         if pgn == GNSS_POSITION:
             self._gnss_s = now_s
             self._append(values, _FIXES.get(values["method"], FixType.NONE), now_s)

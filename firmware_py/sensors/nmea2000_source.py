@@ -42,13 +42,16 @@ class SourceSelection:
         self._address = self._name = None
         self._newest_s = -math.inf
 
+    def is_candidate(self, source: int) -> bool:
+        """Return whether the device of this address could be selected."""
+        return source <= MAX_ADDRESS and (self._configured in (AUTOMATIC, source) or source == self._address)
+
     def accepts(self, source: int, now_s: float) -> bool:
         """Return whether to use a message of the quantity from this address."""
         if source > MAX_ADDRESS:
             return False
         if source != self._address:
-            is_allowed = self._configured in (AUTOMATIC, source)
-            if not is_allowed or now_s - self._newest_s <= self._timeout_s:
+            if not self.is_candidate(source) or now_s - self._newest_s <= self._timeout_s:
                 self._report_unused(source)
                 return False
             if self._address is not None:

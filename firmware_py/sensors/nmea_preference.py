@@ -1,4 +1,4 @@
-"""Selection among NMEA sentences that repeat one measurement, as instruments send them in one burst."""
+"""Selection among NMEA messages that repeat one measurement, as instruments send them in one burst."""
 
 from __future__ import annotations
 
@@ -6,8 +6,20 @@ import math
 from collections.abc import Mapping
 from typing import Generic, TypeVar
 
+from firmware_py.common.records import WindReference
+
 KindT = TypeVar("KindT")
 HOLD_S = 5.0  # time after which a better kind that has stopped is replaced
+
+MAX_WIND_M_S = 120.0  # the strongest gust ever measured at the surface, outside tornadoes, is 113 m/s
+# The apparent wind is what the sensor measures; heading and motion of the boat are known better than to the sensor.
+WIND_RANKS: Mapping[WindReference, int] = {
+    WindReference.APPARENT: 0,
+    WindReference.NORTH: 1,
+    WindReference.BOW: 2,
+    WindReference.BOW_WATER: 2,
+    WindReference.MAGNETIC: 3,
+}
 
 
 class Preference(Generic[KindT]):

@@ -6,7 +6,7 @@ Source: Airmar PB200 WeatherStation User Manual 1.000 (MWV, MWD, VWR, VWT; VWT i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
@@ -15,22 +15,13 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, WindReference, WindSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
-from firmware_py.sensors.nmea_preference import Preference
+from firmware_py.sensors.nmea_preference import MAX_WIND_M_S, WIND_RANKS, Preference
 from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence
 
 WIND_SENTENCES = ("MWV", "VWR", "MWD", "VWT")
 SILENT_AFTER_S = 5.0  # a sensor may send once in two seconds
 MAX_SAMPLES = 256  # between two polls
-MAX_WIND_M_S = 120.0  # the strongest gust ever measured at the surface, outside tornadoes, is 113 m/s
-# The apparent wind is what the sensor measures; heading and motion of the boat are known better than to the sensor.
-_RANKS: Mapping[WindReference, int] = {
-    WindReference.APPARENT: 0,
-    WindReference.NORTH: 1,
-    WindReference.BOW: 2,
-    WindReference.BOW_WATER: 2,
-    WindReference.MAGNETIC: 3,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +59,7 @@ class NmeaWind:
         self._reader = NmeaReader(
             line, self._monitor, options.sentences or WIND_SENTENCES, require_checksum=options.require_checksum
         )
-        self._preference = Preference(_RANKS)
+        self._preference = Preference(WIND_RANKS)
         self._samples: deque[WindSample] = deque(maxlen=MAX_SAMPLES)
 
     def fileno(self) -> int:
@@ -79,7 +70,7 @@ class NmeaWind:
         """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
-            self._preference = Preference(_RANKS)
+            self._preference = Preference(WIND_RANKS)
         for sentence, decoded in self._reader.read(now_s):
             self._handle_sentence(sentence.address, sentence.kind, decoded, now_s)
 

@@ -191,5 +191,5 @@ def test_text_of_results(raw, text):
 
 
 def test_unknown_format_is_rejected_with_the_known_ones():
-    with pytest.raises(ValueError, match="nmea, pni, mti, .*ubx"):
+    with pytest.raises(ValueError, match=r"nmea, pni, mti, .*ubx"):
         decode("seatalk", b"")
