@@ -40,8 +40,8 @@ MIN_RUN_BACK_MS = 1000  # the time since boot runs back: the board has restarted
 
 _ONBOARD_COMPUTER = 191  # component id of onboard computer 1; the others follow
 COMPASS_COMPONENT, POSITION_COMPONENT, POWER_COMPONENT = _ONBOARD_COMPUTER, _ONBOARD_COMPUTER + 1, _ONBOARD_COMPUTER + 2
-# Field with the time since boot [ms].
-_BOOT_TIME_FIELDS = {Message.SYSTEM_TIME: 1, Message.ATTITUDE: 0, Message.GLOBAL_POSITION_INT: 0}
+# Field with the time since boot [ms]. That of GLOBAL_POSITION_INT is the time of the last fix in older ArduPilots.
+_BOOT_TIME_FIELDS = {Message.SYSTEM_TIME: 1, Message.ATTITUDE: 0}
 _REFUSALS = (2, 3, 4)  # MAV_RESULT: denied, unsupported, failed
 _DEFAULT_SYSTEM = 1  # of the own heartbeats before the board is known
 

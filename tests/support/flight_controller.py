@@ -52,3 +52,8 @@ def requested(writes):
 def kinds(writes):
     """Return the names of the messages that a driver has written."""
     return [message.get_type() for message in decode_all(writes)]
+
+
+def requested_groups(writes):
+    """Return the ids of the groups that a driver has requested."""
+    return [row.req_stream_id for row in decode_all(writes) if row.get_type() == "REQUEST_DATA_STREAM"]

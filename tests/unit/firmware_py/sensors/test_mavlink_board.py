@@ -1,7 +1,5 @@
 """Selection of a flight controller, requests of its messages, and the closed list of messages that leave."""
 
-from functools import partial
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -203,18 +201,20 @@ def test_all_messages_are_requested_again_after_a_restart_of_the_board(rig, boar
     assert rig.connection.restarts == restarts + 1
 
 
-def test_time_since_boot_of_other_messages_runs_back(rig, board):
+def test_time_since_boot_of_system_time_runs_back(rig, board):
     rig.select(board)
-    position = partial(
-        dialect.MAVLink_global_position_int_message, lat=1, lon=2, alt=3, relative_alt=4, vx=5, vy=6, vz=7, hdg=8
-    )
-    for message in (dialect.MAVLink_system_time_message(0, 60_000), dialect.MAVLink_system_time_message(0, 50_000)):
-        rig.receive(0.5, board.pack(message))
-    assert rig.connection.restarts == 3
-    rig.receive(0.6, board.pack(position(49_500)))
-    assert rig.connection.restarts == 3
-    rig.receive(0.7, board.pack(position(1000)))
-    assert rig.connection.restarts == 4
+    for boot_ms in (60_000, 59_001, 58_000):
+        rig.receive(0.5, board.pack(dialect.MAVLink_system_time_message(0, boot_ms)))
+        assert rig.connection.restarts == (3 if boot_ms == 58_000 else 2)
+
+
+def test_old_position_is_no_restart(rig, board):
+    """Older ArduPilots send the time of the last fix, which stays behind while the receiver is silent."""
+    rig.select(board)
+    rig.receive(0.5, board.attitude(boot_ms=60_000))
+    rig.receive(0.6, board.pack(dialect.MAVLink_global_position_int_message(1000, 1, 2, 3, 4, 5, 6, 7, 8)))
+    rig.receive(0.7, board.attitude(boot_ms=60_200))
+    assert rig.connection.restarts == 2
 
 
 @pytest.mark.parametrize(("gap_s", "is_requested"), [(2.4, False), (2.6, True)])

@@ -125,7 +125,9 @@ def test_extension_fields_of_newer_definitions_are_ignored():
 def test_signed_frame_is_read_with_its_signature():
     stream = pack(MESSAGES[Message.ATTITUDE], key=bytes(32))
     assert stream[2] == 1
-    assert [frame.message for frame in frames(stream + HEARTBEAT)] == [Message.ATTITUDE, Message.HEARTBEAT]
+    packets = create_framer().feed(stream + HEARTBEAT)
+    assert [(packet.fault, packet.size) for packet in packets] == [("", 12 + 28 + 13), ("", 17)]
+    assert [decode_frame(packet.data).message for packet in packets] == [Message.ATTITUDE, Message.HEARTBEAT]
 
 
 @pytest.mark.parametrize("position", [2, 5])

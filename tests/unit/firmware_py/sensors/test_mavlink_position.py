@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState, FixType
 from firmware_py.sensors.mavlink_position import MavlinkPosition, MavlinkPositionOptions
-from support.flight_controller import Board, decode_all, requested
+from support.flight_controller import Board, decode_all, requested, requested_groups
 
 UTC_S = 1_767_225_600.25
 
@@ -191,6 +191,14 @@ def test_options_are_checked_and_one_fix_a_second_is_the_default(line):
             MavlinkPositionOptions(**options)
     Rig(line)
     assert requested(line.written) == [(24, 1_000_000), (2, 1_000_000)]
+
+
+def test_groups_of_an_older_board(line):
+    """Groups of ArduPilot: extended status (GPS_RAW_INT), extra 3 (SYSTEM_TIME), position (GLOBAL_POSITION_INT)."""
+    rig = Rig(line, solution="estimator")
+    rig.fixes(0.5, dialect.MAVLink_command_ack_message(511, 3))
+    rig.fixes(1.0)
+    assert requested_groups(line.written) == [2, 12, 6]
 
 
 def test_silent_board(rig):

@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState
 from firmware_py.sensors.mavlink_power import MavlinkPower, MavlinkPowerOptions
-from support.flight_controller import Board, decode_all, requested
+from support.flight_controller import Board, decode_all, requested, requested_groups
 
 NO_CELL = 0xFFFF
 
@@ -13,7 +13,7 @@ NO_CELL = 0xFFFF
 def battery(number=0, *, cells=(12_800,), current=120, remaining=77, temperature=2150, more=(0, 0, 0, 0)):
     voltages = [*cells, *[NO_CELL] * (10 - len(cells))]
     return dialect.MAVLink_battery_status_message(
-        number, 0, 0, temperature, voltages, current, -1, -1, remaining, 0, 0, more
+        number, 0, 0, temperature, voltages, current, -1, -1, remaining, 0, 0, more, 2
     )
 
 
@@ -65,6 +65,11 @@ def test_unknown_values_are_none(rig):
     assert (sample.voltage_v, sample.charge) == (None, pytest.approx(0.77))
 
 
+def test_empty_battery(rig):
+    (sample,) = rig.samples(1.0, battery(remaining=0))
+    assert sample.charge == 0.0
+
+
 def test_battery_that_is_not_measured_gives_no_sample(rig):
     assert rig.samples(1.0, battery(cells=(), remaining=-1)) == ()
     assert rig.power.health(1.0).text == "battery not measured"
@@ -106,3 +111,10 @@ def test_requested_messages_and_silence(rig):
     rig.samples(1.0, battery())
     assert rig.power.health(5.9).state is DeviceState.RUNNING
     assert rig.power.health(6.1).state is DeviceState.SILENT
+
+
+def test_groups_of_an_older_board(rig):
+    """Groups of ArduPilot: extra 3 (BATTERY_STATUS), extended status (SYS_STATUS)."""
+    rig.samples(0.5, dialect.MAVLink_command_ack_message(511, 3))
+    rig.samples(1.0)
+    assert requested_groups(rig.line.written) == [12, 2]
