@@ -262,3 +262,45 @@ def test_limited_pulse_is_reported(rig):
 def test_options_out_of_range_are_refused(values, text):
     with pytest.raises(ValueError, match=text):
         MaestroOptions(**values)
+
+
+@pytest.mark.parametrize(
+    ("number", "is_accepted"), [(0, True), (255, False), (256, True), (13120, True), (13121, False), (65535, False)]
+)
+def test_position_that_no_channel_can_have_is_rejected(rig, maestro, number, is_accepted):
+    rig.ticks(3)
+    handle = maestro.handle
+    maestro.handle = lambda data: handle(data) and (number.to_bytes(2, "little") if 0x90 in data else b"\0\0")
+    rejected = rig.health().rejected
+    feedback = rig.ticks(1)
+    assert (len(feedback), rig.health().rejected - rejected) == ((1, 0) if is_accepted else (0, 1))
+
+
+@pytest.mark.parametrize(("number", "is_accepted"), [(0x01FF, True), (0x0200, False)])
+def test_error_register_has_nine_bits(fakes, number, is_accepted):
+    device = FakeMaestro()
+    device.errors = number
+    rig = fakes.rig(maestro_rudder(fakes.line(device), MaestroOptions()))
+    rig.ticks(1)
+    assert (rig.health().rejected == 0) is is_accepted
+
+
+def test_missing_pulses_after_a_lost_reply_are_no_restart(rig, line, maestro):
+    """The zero may be a late reply to a request of the errors."""
+    rig.ticks(5, shaft_deg=10.0)
+    line.lose_replies = 1
+    rig.ticks(1, shaft_deg=10.0)
+    maestro.position = 0
+    assert rig.ticks(5, shaft_deg=10.0)[-1].restarts == 0
+    maestro.position = 0
+    assert rig.ticks(3, shaft_deg=10.0)[-1].restarts == 1
+
+
+def test_maestro_that_answers_requests_of_errors_only_is_silent(rig, maestro):
+    rig.ticks(5)
+    handle = maestro.handle
+    maestro.handle = lambda data: b"" if 0x90 in data else handle(data)
+    rig.ticks(14)
+    assert rig.health().state is DeviceState.RUNNING
+    rig.ticks(3)
+    assert rig.health().state is DeviceState.SILENT
