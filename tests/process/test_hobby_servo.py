@@ -1,5 +1,6 @@
 """Hobby servos and the rudder angle sensor with the real program: cables, power, foreign bytes, estimate and sensor."""
 
+import itertools
 import math
 
 import pytest
@@ -91,3 +92,27 @@ def test_jam_is_reported_with_the_sensor_and_the_estimate_replaces_a_lost_sensor
     boat.lines["rudder_angle"].plug()
     boat.run_until_text("Rudder angle: measured", 3.0)
     finish(boat)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("scenario", ["tank", "sea"])
+@pytest.mark.parametrize("angle_deg", [None, -20.0], ids=["blade lost", "jammed"])
+def test_lost_and_jammed_rudder_are_reported_by_the_turns_of_the_boat(start, scenario, angle_deg):
+    """Turns of 40 degrees every minute, with a rudder whose angle is not measured."""
+    boat = start("maestro", scenario=scenario)
+    headings = itertools.cycle((40.0, 0.0))
+    for _ in range(5):
+        steer(boat, next(headings))
+        boat.run(60.0)
+    steer(boat, next(headings))
+    boat.run(2.0)
+    begin_s = boat.now_s
+    if angle_deg is None:
+        boat.world.rudder_effect = 0.0
+    else:
+        boat.world.jam(math.radians(angle_deg))
+    while not any(text.startswith(("Steering lost", "Steering reversed")) for text in boat.texts_since(begin_s)):
+        assert boat.now_s < begin_s + 600.0, boat.output_text()
+        boat.run(60.0)
+        steer(boat, next(headings))
+    assert not [text for text in boat.texts_since(begin_s) if text.startswith("Rudder jammed")]
