@@ -267,6 +267,7 @@ def test_status_of_the_long_frame(ready, exchange, status, state, text, count):
         (angles(pitch="00 90 01"), "pitch 90.01 out of range"),
         (angles(pitch="10 90 01"), "pitch -90.01 out of range"),
         (angles(roll="01 80 01"), "roll 180.01 out of range"),
+        (angles(roll="11 80 01"), "roll -180.01 out of range"),
         (angles(roll="00 0F 00"), "roll is not a decimal number"),
     ],
 )
