@@ -81,6 +81,19 @@ def test_examples_of_the_manual(bench):
     assert bench.read(64, 1) == 0
 
 
+def test_sync_write_is_for_the_blocks_of_the_own_id(bench):
+    bench.send(frame(0x83, 42, 2, 5, 0, 1, 1, 0, 4, 7, 0, 6, device_id=254))
+    assert bench.read(42, 2) == 1024
+    bench.send(frame(0x83, 42, 2, 5, 1, 1, device_id=254))
+    assert bench.read(42, 2) == 1024
+
+
+def test_bit_15_is_the_sign_of_a_goal(bench):
+    bench.write(9, 0, 0, 0, 0)  # several turns
+    bench.write(42, 100, 0x80)
+    assert bench.read(67, 2) == 0x8064
+
+
 def test_registered_write_waits_for_the_action(bench):
     bench.send(frame(4, 42, 0x00, 0x04))
     assert bench.read(42, 2) == 2048
@@ -173,6 +186,25 @@ def test_power_loss_releases_the_shaft(bench):
     assert bench.read(42, 2) == bench.read(56, 2)
 
 
+def test_servo_replies_after_the_power_loss_and_its_start(bench):
+    bench.servo.power_cycle(bench.now_s, off_s=1.0)
+    bench.wait(1.37)
+    assert bench.send(frame(1), 0.02) == []
+    bench.wait(0.02)
+    assert bench.send(frame(1)) == [ACK]
+
+
+def test_action_without_a_registered_write_has_no_effect(bench):
+    bench.write(42, 0, 4)
+    assert bench.send(frame(5)) == [ACK]
+    assert (bench.read(42, 2), bench.read(64, 1)) == (1024, 0)
+    bench.send(frame(4, 42, 0, 8))
+    bench.send(frame(5))
+    bench.write(42, 0, 4)
+    bench.send(frame(5))
+    assert bench.read(42, 2) == 1024
+
+
 def test_response_level_0_has_replies_only_to_reads_and_pings(bench):
     assert bench.write(8, 0) == [ACK]
     assert bench.write(8, 0) == []
@@ -190,7 +222,7 @@ def test_new_id_and_baud_rate_apply_after_the_reply(bench):
 
 
 def test_value_128_calibrates_the_present_position(bench):
-    for counts in (2389, 1900):
+    for counts in (2389, 1500):  # the second angle is negative
         bench.go_to(counts)
         bench.wait(3.0)
         bench.write(40, 0)
@@ -231,7 +263,14 @@ def test_overload_without_its_protection_is_no_error(bench):
 
 @pytest.mark.parametrize(
     ("name", "value", "status", "torque"),
-    [("voltage_v", 14.1, 1, 1), ("voltage_v", 3.9, 1, 1), ("temperature_c", 71.0, 4, 0), ("temperature_c", 70.0, 0, 1)],
+    [
+        ("voltage_v", 14.1, 1, 1),
+        ("voltage_v", 14.0, 0, 1),
+        ("voltage_v", 4.0, 0, 1),
+        ("voltage_v", 3.9, 1, 1),
+        ("temperature_c", 71.0, 4, 0),
+        ("temperature_c", 70.0, 0, 1),
+    ],
 )
 def test_status_and_unloading(bench, name, value, status, torque):
     bench.go_to(2048)
