@@ -23,7 +23,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.angles import TWO_PI, clamp, radians, wrap_pi
 from firmware_py.common.records import Event, HeadingSample, Severity
 
 TIME_CONSTANT_S: Final = 60.0
@@ -34,7 +34,8 @@ DISAGREEMENT_S: Final = 2.0  # until the rate is no longer used
 AGREEMENT_S: Final = 30.0  # until it is used
 MIN_TURN_RAD: Final = radians(20.0)  # from the mean over TIME_CONSTANT_S
 MAX_AGE_S: Final = 0.15  # of a rate, relative to the heading that it is used with
-RATE_SD_RAD_S: Final = radians(0.25)  # resolution, and delay of the mean rate in waves
+RATE_SD_RAD_S: Final = radians(0.2)  # resolution, and noise of the gyroscope
+DELAY_S: Final = 0.03  # of the rate: half of the time over which it is measured, and of a frame
 
 
 class GyroState(msgspec.Struct, frozen=True):
@@ -89,6 +90,12 @@ def rate_at(state: GyroState, t_s: float) -> float:
     if not state.is_used or state.rate_t_s is None or abs(t_s - state.rate_t_s) > MAX_AGE_S:
         return math.nan
     return state.rate_rad_s
+
+
+def rate_sd_rad_s(wave_sd_rad: float, wave_period_s: float) -> float:
+    """Return the standard deviation of a rate with its delay in waves, whose yaw has this standard deviation."""
+    omega_rad_s = TWO_PI / wave_period_s
+    return math.hypot(RATE_SD_RAD_S, DELAY_S * wave_sd_rad * omega_rad_s * omega_rad_s)
 
 
 def _is_finite(sample: HeadingSample) -> bool:

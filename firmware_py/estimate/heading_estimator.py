@@ -178,9 +178,10 @@ def _take_rate(
     in_use = tick.sources.in_use
     used = [sample for sample in true_samples if sample.source == in_use]
     state, events = gyro.update(state, gyro_samples, (used[-1].t_s, used[-1].heading_rad) if used else None)
-    rate_rad_s = gyro.rate_at(state, tick.filter.t_s)
+    rate_rad_s, levels = gyro.rate_at(state, tick.filter.t_s), tick.filter.levels
     if not math.isnan(rate_rad_s) and (used or in_use == Source.COURSE):
-        tick = heading_tick.take_rate(tick, rate_rad_s, gyro.RATE_SD_RAD_S)
+        sd_rad_s = gyro.rate_sd_rad_s(math.exp(levels.wave_sd), math.exp(levels.wave_period))
+        tick = heading_tick.take_rate(tick, rate_rad_s, sd_rad_s)
     return tick, state, events
 
 

@@ -60,7 +60,9 @@ _CONTENT = struct.Struct("<Bhhhhhh")
 class Bno08xRvcOptions:
     """Options of the vehicle file for a BNO08x in UART-RVC mode; raises ValueError."""
 
-    rate_hz: float = option("yaw rates per second, of 100 that the device sends", default=10.0, minimum=1, maximum=100)
+    rate_hz: float = option(
+        "yaw rates per second, at most one in a tick; the device sends 100 frames", default=10.0, minimum=1, maximum=100
+    )
     clockwise: bool = option("whether its yaw increases in a turn to starboard", default=True)
 
     def __post_init__(self) -> None:
@@ -100,7 +102,8 @@ def read_frame(frame: bytes) -> Reading:
 class Bno08xRvc:
     """Measures the yaw rate from the yaw of successive frames; the index of the frames shows lost ones.
 
-    A sample has the reference RELATIVE: its heading is the angle turned since the start. After a gap, a restart of the
+    A sample has the reference RELATIVE: its heading is the angle turned since the start. It is made from the newest
+    frame that has arrived, so that it is not older than one frame. After a gap, a restart of the
     device, an impossible turn or a nearly vertical position the measurement starts again with the next frame, without a
     change of that angle.
     """
@@ -108,7 +111,8 @@ class Bno08xRvc:
     def __init__(self, line: ByteLine, options: Bno08xRvcOptions) -> None:
         """Store line and options."""
         self._line = line
-        self._frames_per_sample = max(1, round(FRAME_RATE_HZ / options.rate_hz))
+        frames = max(1, round(FRAME_RATE_HZ / options.rate_hz))
+        self._frames_per_sample = frames - frames // 5  # a tick may find a frame less than the previous one
         self._sign = 1.0 if options.clockwise else -1.0
         self._receiver = PacketReceiver(line, create_framer)
         self._monitor = self._receiver.monitor
@@ -131,6 +135,7 @@ class Bno08xRvc:
             if not packet.fault:
                 self._handle_frame(packet.data, now_s)
         self._received_s = now_s
+        self._append_sample(now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
@@ -156,7 +161,6 @@ class Bno08xRvc:
             self._history.append((self._number, self._turned_rad))
         if not is_vertical:
             self._previous = (reading, now_s)
-            self._append_sample(now_s)
 
     def _continue_turn(self, reading: Reading, now_s: float) -> bool:
         """Add the turn since the previous frame; return False if this frame does not continue the measurement."""
@@ -180,7 +184,7 @@ class Bno08xRvc:
 
     def _append_sample(self, now_s: float) -> None:
         """Append a sample if it is due and the history is complete."""
-        first, first_rad = self._history[0]
+        first, first_rad = self._history[0] if self._history else (self._number, 0.0)
         periods = self._number - first
         if periods < RATE_FRAMES or self._number < self._due_number:
             return

@@ -181,6 +181,15 @@ def test_newest_sample_of_a_tick_counts():
     assert (state.t_s, state.rate_t_s, state.rate_rad_s, state.offset_rad) == (5.0, 5.0, 0.5, 0.5)
 
 
+@pytest.mark.parametrize(
+    ("wave_deg", "period_s", "sd_deg_s"),
+    # 30 degrees with a period of 7 s have an acceleration of 24.2 deg/s2, and 0.03 s later another rate by 0.725 deg/s.
+    [(0.0, 7.0, 0.2), (30.0, 7.0, math.hypot(0.2, 0.03 * 30.0 * (math.tau / 7.0) ** 2)), (30.0, 3.5, 2.908)],
+)
+def test_standard_deviation_of_the_rate_includes_its_delay_in_waves(wave_deg, period_s, sd_deg_s):
+    assert math.degrees(gyro.rate_sd_rad_s(radians(wave_deg), period_s)) == pytest.approx(sd_deg_s, rel=1e-3)
+
+
 def test_heading_of_another_time_is_not_compared():
     boat = Boat().run(10.0)
     sample = HeadingSample(20.0, 0.0, NorthReference.RELATIVE, yaw_rate_rad_s=0.0)

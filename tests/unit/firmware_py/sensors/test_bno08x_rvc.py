@@ -129,14 +129,36 @@ def test_rate_over_the_south_of_the_yaw_and_the_end_of_the_index(send):
     assert rates_deg_s(samples) == pytest.approx([50.0] * 3)
 
 
-@pytest.mark.parametrize(("rate_hz", "count"), [(100.0, 95), (50.0, 48), (10.0, 10), (1.0, 1)])
-def test_number_of_samples_by_the_option(line, deliver, rate_hz, count):
-    gyro = Bno08xRvc(line, Bno08xRvcOptions(rate_hz=rate_hz))
-    assert len(deliver(gyro, b"".join(frames(0, [0.0] * 100)))) == count
+@pytest.mark.parametrize(
+    ("rate_hz", "sizes", "count"),
+    [
+        (100.0, [1] * 100, 95),
+        (50.0, [1] * 101, 48),
+        (10.0, [1] * 101, 12),
+        (10.0, [10] * 10, 10),
+        (10.0, [10, 9, 11, 8, 10], 5),  # frames that arrive before each tick
+        (10.0, [10, 7, 10, 7, 10], 3),
+        (5.0, [10] * 10, 5),
+        (1.0, [10] * 20, 3),
+    ],
+)
+def test_number_of_samples_by_the_option_and_the_frames_of_a_tick(line, deliver, rate_hz, sizes, count):
+    gyro, number, samples = Bno08xRvc(line, Bno08xRvcOptions(rate_hz=rate_hz)), 0, []
+    for size in sizes:
+        samples += deliver(gyro, b"".join(frames(number, [0.0] * size)), now_s=0.01 * (number + size))
+        number += size
+    assert len(samples) == count
 
 
-def test_ten_rates_a_second_by_default(line, deliver):
-    assert len(deliver(Bno08xRvc(line, Bno08xRvcOptions()), b"".join(frames(0, [0.0] * 200)))) == 20
+def test_default_is_ten_rates_a_second():
+    assert Bno08xRvcOptions().rate_hz == 10.0
+
+
+def test_rate_is_that_of_the_newest_frames(line, deliver):
+    gyro = Bno08xRvc(line, Bno08xRvcOptions())
+    (sample,) = deliver(gyro, b"".join(frames(0, [0.0] * 15 + [0.1, 0.2, 0.3, 0.4, 0.5])))
+    assert rates_deg_s([sample]) == pytest.approx([10.0])
+    assert deliver(gyro, b"", now_s=1.2) == ()
 
 
 @pytest.mark.parametrize("rate_hz", [0.9, 101.0])
@@ -176,8 +198,7 @@ def test_measurement_starts_again_after_a_pause_on_the_line(send, gyro, pause_s,
 def test_frames_that_wait_during_a_pause_of_the_program_are_used(line, gyro):
     line.inbox += b"".join(frames(0, [0.2 * number for number in range(100)]))
     gyro.receive(5.0)
-    samples = gyro.poll()
-    assert rates_deg_s(samples) == pytest.approx([20.0] * 95)
+    assert rates_deg_s(gyro.poll()) == pytest.approx([20.0])
 
 
 @pytest.mark.parametrize("index", [0, 106])
@@ -197,8 +218,10 @@ def test_turn_that_no_boat_makes_is_no_rate(send, step_deg, count):
     assert len(send(frames(0, [step_deg * number for number in range(10)]))) == count
 
 
-def test_repeated_index_starts_the_measurement_again(send):
-    assert send([frame(5, 0.1 * number) for number in range(20)]) == []
+@pytest.mark.parametrize("step_deg", [0.0, 0.1])
+def test_repeated_index_starts_the_measurement_again(send, gyro, step_deg):
+    assert send([frame(5, step_deg * number) for number in range(20)]) == []
+    assert gyro.health(1.2).rejected == 19
 
 
 def test_nearly_vertical_device_gives_no_rate(send, gyro):
@@ -207,6 +230,18 @@ def test_nearly_vertical_device_gives_no_rate(send, gyro):
     assert (health.state, health.text) == (DeviceState.RUNNING, "nearly vertical: no yaw rate")
     assert len(send([frame(10 + number, 50.0, 79.9) for number in range(6)], begin_s=1.1)) == 1
     assert gyro.health(1.2).text == "gyro only, no north: used as yaw rate"
+
+
+def test_rate_contains_no_turn_from_before_a_restart(send):
+    before = send(frames(0, [0.2 * number for number in range(6)]))
+    after = send(frames(100, [40.0] * 7), begin_s=1.06)
+    assert rates_deg_s(before) == pytest.approx([20.0])
+    assert rates_deg_s(after) == pytest.approx([0.0] * 2)
+
+
+def test_measurement_starts_again_after_a_vertical_position(send):
+    flat, vertical = frames(0, [0.0] * 6), [frame(number, 0.0, 85.0) for number in (6, 7)]
+    assert len(send(flat + vertical + frames(8, [0.5] * 6))) == 2
 
 
 def test_health_says_that_there_is_no_north(send, gyro):
