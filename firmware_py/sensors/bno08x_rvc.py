@@ -176,7 +176,7 @@ class Bno08xRvc:
             self._monitor.reject(now_s, "restarted, or frames lost: yaw rate starts again")
             return False
         if periods > 1:
-            self._monitor.reject(now_s, f"{periods - 1} frames lost", periods - 1)
+            self._monitor.reject(now_s, f"lost frames: {periods - 1}", periods - 1)
         self._number += periods
         self._turned_rad += self._sign * turned_rad
         self._history.append((self._number, self._turned_rad))

@@ -28,6 +28,7 @@ class Boat:
     def __init__(self, *, factor=None, drift_deg_s=0.0, noise_deg=1.0, kick_deg_s=0.0, speed_m_s=None, seed=1):
         self.rng, self.factor, self.drift_rad_s = np.random.default_rng(seed), factor, radians(drift_deg_s)
         self.kick_rad_s, self.speed_m_s, self.place = radians(kick_deg_s), speed_m_s, Place(0.6, 2.1)
+        self.compass_error_rad = 0.0
         self.noise_rad, self.has_compass = radians(noise_deg), True
         self.state = HeadingEstimatorState.at_start(PARAMETERS)
         self.t_s, self.heading_rad, self.rate_rad_s, self.turned_rad = 0.0, 1.0, 0.0, 2.0
@@ -35,7 +36,7 @@ class Boat:
 
     def run(self, seconds, settings=SETTINGS):
         for _ in range(round(10 * seconds)):
-            rudder_rad = radians(15.0) * math.sin(self.t_s / 15.0)
+            rudder_rad = radians(30.0) * math.sin(self.t_s / 20.0)
             before_rad = self.heading_rad
             self.heading_rad, self.rate_rad_s = rk4_step(
                 self.heading_rad, self.rate_rad_s, rudder_rad, 0.1,
@@ -43,7 +44,8 @@ class Boat:
             )  # fmt: skip
             self.rate_rad_s += self.kick_rad_s * float(self.rng.standard_normal())
             self.t_s += 0.1
-            measured_rad = wrap_two_pi(self.heading_rad + self.noise_rad * float(self.rng.standard_normal()))
+            error_rad = self.compass_error_rad + self.noise_rad * float(self.rng.standard_normal())
+            measured_rad = wrap_two_pi(self.heading_rad + error_rad)
             samples = [HeadingSample(self.t_s, measured_rad, NorthReference.TRUE)] if self.has_compass else []
             if self.factor is not None:
                 rate_rad_s = self.factor * (self.heading_rad - before_rad) / 0.1 + self.drift_rad_s
@@ -84,6 +86,7 @@ def test_gyroscope_halves_the_error_of_the_yaw_rate_with_waves():
 
 def test_drift_of_the_gyroscope_does_not_reach_the_heading():
     boat = Boat(factor=1.0, drift_deg_s=0.3).run(600.0)
+    assert boat.state.gyro.is_used
     assert abs(math.degrees(np.mean(boat.heading_errors[-1200:]))) < 0.3
     assert math.degrees(boat.state.gyro.drift_rad_s) == pytest.approx(0.3, abs=0.05)
 
@@ -120,6 +123,26 @@ def test_gyroscope_halves_the_error_of_the_course_over_ground_after_the_compass_
         assert boat.texts[-1] == "Heading source: course over ground (was compass A)"
         errors_deg[factor] = boat.rms_deg(boat.heading_errors, 250.0)
     assert errors_deg[1.0] < 0.6 * errors_deg[None]
+
+
+def test_jump_of_the_compass_does_not_end_the_use_of_the_gyroscope():
+    """The course replaces the compass before the gyroscope is suspected."""
+    boat = Boat(factor=1.0, speed_m_s=0.5).run(300.0)
+    boat.compass_error_rad = math.radians(90.0)
+    boat.run(60.0)
+    assert boat.texts[-1] == "Heading source: course over ground (was compass A)"
+    assert boat.state.gyro.is_used
+    assert boat.rms_deg(boat.heading_errors, 30.0) < 10.0
+
+
+def test_rate_is_used_once_for_each_heading_of_a_slow_compass(monkeypatch):
+    used_s, take_rate = [], heading_tick.take_rate
+    boat = Boat(factor=1.0).run(120.0)
+    monkeypatch.setattr(heading_tick, "take_rate", lambda *args: used_s.append(boat.t_s) or take_rate(*args))
+    for _ in range(50):
+        boat.has_compass = not boat.has_compass
+        boat.run(0.1)
+    assert len(used_s) == 25
 
 
 def test_gyroscope_is_not_used_by_the_observer_and_gives_no_attitude():
