@@ -220,9 +220,10 @@ class RionCompass:
         try:
             if packet[3] == _Command.READ_ANGLES | 0x80:
                 self._handle_reading(read_angles(packet), packet[0], now_s)
-            elif packet[3] == _Command.READ_DECLINATION | 0x80 and self._request is _Command.READ_DECLINATION:
+            elif packet[3] == _Command.READ_DECLINATION | 0x80:
                 self._declination_deg = read_declination_deg(packet)
-                self._note_answer(now_s, now_s)
+                if self._request is _Command.READ_DECLINATION:
+                    self._note_answer(now_s, now_s)
         except MessageError as error:
             monitor.reject(now_s, str(error))
 

@@ -148,6 +148,13 @@ def test_set_declination_makes_the_headings_true(compass, exchange, near):
     assert near(sample.heading_rad, 98.5)
 
 
+def test_late_answer_about_the_declination_is_used_and_sends_no_request(ready, exchange, near):
+    assert exchange(ready, 0.14) == [ASK_68]
+    assert exchange(ready, 0.15, bytes.fromhex("68 06 00 87 02 08 97")) == []
+    exchange(ready, 0.16, angles())
+    assert near(ready.poll()[0].variation_rad, 20.8)
+
+
 def test_negative_declination(compass, exchange, near):
     exchange(compass, 0.0)
     exchange(compass, 0.02, angles())
@@ -283,6 +290,11 @@ def test_wrong_sum_is_counted(ready, exchange):
     exchange(ready, 0.2, angles()[:-1] + bytes([angles()[-1] ^ 1]), angles())
     assert len(ready.poll()) == 1
     assert (ready.health(0.2).rejected, ready.health(0.2).text) == (1, "checksum")
+
+
+def test_hundreds_of_a_negative_angle(ready, exchange, near):
+    exchange(ready, 0.2, angles(roll="11 20 50"))
+    assert near(ready.poll()[0].roll_rad, -120.5)
 
 
 def test_limits_of_the_ranges_are_accepted(ready, exchange):
