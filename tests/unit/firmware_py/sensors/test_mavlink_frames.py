@@ -130,6 +130,13 @@ def test_signed_frame_is_read_with_its_signature():
     assert [decode_frame(packet.data).message for packet in packets] == [Message.ATTITUDE, Message.HEARTBEAT]
 
 
+def test_odd_sequence_number_of_mavlink_1_is_no_signature():
+    covered = HEARTBEAT[1:2] + b"\x4f" + HEARTBEAT[3:-2]
+    odd = b"\xfe" + covered + dialect.x25crc(covered + bytes((50,))).crc.to_bytes(2, "little")
+    packets = create_framer().feed(odd + HEARTBEAT)
+    assert [(packet.fault, packet.size) for packet in packets] == [("", 17), ("", 17)]
+
+
 @pytest.mark.parametrize("position", [2, 5])
 def test_frame_with_an_unknown_flag_or_without_a_system_is_not_read(position):
     stream = bytearray(pack(MESSAGES[Message.ATTITUDE]))
@@ -169,7 +176,8 @@ def test_own_messages_are_decoded_by_pymavlink():
     assert (attitude.get_type(), attitude.command, attitude.target_system, attitude.target_component) == (
         "COMMAND_LONG", 511, 7, 1,
     )  # fmt: skip
-    assert (attitude.param1, attitude.param2, attitude.param7) == (30.0, 100_000.0, 0.0)
+    assert (attitude.param1, attitude.param2, attitude.confirmation) == (30.0, 100_000.0, 0)
+    assert [getattr(attitude, f"param{number}") for number in range(3, 8)] == [0.0] * 5
     assert (time.param1, time.param2) == (2.0, 333_333.0)
     assert group.to_dict() == {
         "mavpackettype": "REQUEST_DATA_STREAM", "target_system": 7, "target_component": 1, "req_stream_id": 10,
