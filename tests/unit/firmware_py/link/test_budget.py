@@ -6,8 +6,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
-from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
+from firmware_py.common.records import DepthSample, Event, FixType, PositionSample, RudderFeedback, Severity
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power, Wind
 from firmware_py.link.telemetry.table import TABLE
 
 BITS_PER_BYTE = 10
@@ -21,6 +21,7 @@ SNAPSHOT_FIELDS = {
     "servo": RudderFeedback(0.0, 0.1, 31.0, 12.0, 0.2), "bearing_rad": 1.0, "distance_m": 50.0,
     "navigation": Navigation(Activity.LINE, 0.7, -0.2), "power": Power(12.6),
     "mission": MissionReport(identities=(0, 7, 0)),
+    "wind": Wind(1.0, north_m_s=1.0, east_m_s=2.0), "wind_ok": True, "depth": DepthSample(1.0, 12.0), "depth_ok": True,
 }  # fmt: skip
 MIN_INTERVAL_US = 20_000  # less than a tick: the message is sent at each tick
 OVERRIDE = mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0)

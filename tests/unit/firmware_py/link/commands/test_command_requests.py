@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import CalibrationState, FixType, PositionSample, RudderFeedback
-from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power, SwingReport
+from firmware_py.common.records import CalibrationState, DepthSample, FixType, PositionSample, RudderFeedback
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power, SwingReport, Wind
 from firmware_py.link.telemetry.table import TABLE
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
@@ -29,6 +29,7 @@ def test_every_message_can_be_requested(rig, number):
     rig.request_handler.compass_swing = SimpleNamespace(report=swing)
     rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
     changes = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
+    changes |= {"wind": Wind(1.0, north_m_s=1.0, east_m_s=2.0), "wind_ok": True, "depth": DepthSample(1.0, 12.0)}
     rig.tick(**FIX, **SERVO, **changes, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
     replies = rig.command(512, number)
     assert replies[0].result == 0
