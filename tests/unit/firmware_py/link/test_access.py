@@ -1,4 +1,4 @@
-"""Who may do what over a link: policies, keys, allow-lists, MAVLink 1."""
+"""Access rights on a link: policies, keys, allow-lists, MAVLink 1."""
 
 import pytest
 from pymavlink.dialects.v10 import common as mavlink1
@@ -27,7 +27,7 @@ REMOVE = mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0)
 
 @pytest.fixture
 def linked(make_rig):
-    """Makes a rig with a link of the given options, and perhaps a key already there."""
+    """Makes a rig with a link of the given options, and an optional stored key."""
 
     def make(options="", *, key=False, **more):
         rig = make_rig(options=parse_options(options) if options else parse_options("policy=auto"), **more)
@@ -345,7 +345,7 @@ def test_key_and_timestamps_are_restored_at_the_next_start(linked, make_rig):
 
 
 @pytest.fixture
-def bereft(make_rig):
+def keyless(make_rig):
     """Makes a rig of the given options whose key was lost."""
 
     def make(options="policy=auto", **more):
@@ -363,8 +363,8 @@ UNTRUSTED = ["policy=auto", "policy=open", "policy=signed-commands", "policy=sig
 
 
 @pytest.mark.parametrize("options", UNTRUSTED)
-def test_untrusted_link_accepts_nothing_after_loss_of_the_key(bereft, options):
-    rig = bereft(options)
+def test_untrusted_link_accepts_nothing_after_loss_of_the_key(keyless, options):
+    rig = keyless(options)
     assert rig.endpoint.key_problem == "signing.key.0 is damaged, signing.key.1 is damaged"
     for key in (None, KEY):
         if key:
@@ -376,16 +376,16 @@ def test_untrusted_link_accepts_nothing_after_loss_of_the_key(bereft, options):
     assert rig.vault.contents == []
 
 
-def test_sender_gets_no_reply_after_loss_of_the_key(bereft):
-    rig = bereft(addresses=())
+def test_sender_gets_no_reply_after_loss_of_the_key(keyless):
+    rig = keyless(addresses=())
     for _ in range(3):
         assert rig.tell(BEAT, READ, ARM, address="stranger") == []
         rig.tick_silently(seconds=1.0)
     assert rig.transport.sent == []
 
 
-def test_loss_of_the_key_is_reported_to_permanent_peers_unsigned(bereft, texts):
-    rig = bereft()
+def test_loss_of_the_key_is_reported_to_permanent_peers_unsigned(keyless, texts):
+    rig = keyless()
     replies = rig.tick(seconds=1.0, events=(Event(Severity.CRITICAL, "Signing key lost"),))
     assert texts(replies) == ["Signing key lost"]
     assert "HEARTBEAT" in kinds(replies)
@@ -393,8 +393,8 @@ def test_loss_of_the_key_is_reported_to_permanent_peers_unsigned(bereft, texts):
 
 
 @pytest.mark.parametrize("key", [None, KEY])
-def test_trusted_link_works_after_loss_of_the_key(bereft, of, key):
-    rig = bereft("trusted=1")
+def test_trusted_link_works_after_loss_of_the_key(keyless, of, key):
+    rig = keyless("trusted=1")
     if key:
         sign(rig)  # a station that has it still
     assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
@@ -405,8 +405,8 @@ def test_trusted_link_works_after_loss_of_the_key(bereft, of, key):
     ("setup", "replies", "unsigned_commands"),
     [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)],
 )
-def test_lost_key_is_set_or_removed_over_a_trusted_link(bereft, setup, replies, unsigned_commands, texts):
-    rig = bereft("trusted=1")
+def test_lost_key_is_set_or_removed_over_a_trusted_link(keyless, setup, replies, unsigned_commands, texts):
+    rig = keyless("trusted=1")
     assert texts(rig.tell(setup)) == [replies]
     assert rig.endpoint.key_problem == ""
     rig.transport.options = parse_options("policy=auto")

@@ -1,4 +1,4 @@
-"""What one frame draws whose sender is not there: counted on real sockets, over a minute."""
+"""Bytes sent to the forged address of one frame: counted on real sockets, over a minute."""
 
 import select
 import socket
@@ -52,7 +52,7 @@ REQUESTS = {
 
 @pytest.fixture
 def boat():
-    """An endpoint on a UDP port of its own, and where that is."""
+    """Return an endpoint on a UDP port of its own, and its address."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -67,7 +67,7 @@ def boat():
 
 
 def drawn_bytes(endpoint, end, since_s):
-    """Let a minute pass and return the bytes that came to a socket."""
+    """Simulate a minute and return the bytes received by a socket."""
     drawn = 0
     for turn in range(int(MINUTE_S / TICK_S)):
         now_s = since_s + turn * TICK_S
@@ -96,7 +96,7 @@ def test_forged_frame_is_amplified_less_than_ten_times(boat, name):
 
 
 def test_one_forged_frame_per_minute_is_not_amplified_more(boat):
-    """What was sent to that address before is no proof that someone is there."""
+    """Earlier bytes to that address do not prove that a peer is there."""
     endpoint, address = boat
     frame = REQUESTS["PARAM_REQUEST_LIST"].pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:

@@ -1,4 +1,4 @@
-"""Every attacker under every policy; the page of the threat model shows this table word for word."""
+"""Every attacker under every policy; the page of the threat model shows this table."""
 
 import pytest
 from pymavlink.dialects.v10 import common as mavlink1
@@ -60,7 +60,7 @@ def sign(rig, key=KEY):
 
 
 def what_it_brings(rig, *frames):
-    """Send frames one after the other, each in answer, and then an interval of time; say what that has brought."""
+    """Send frames, each after the reply to the one before, wait for an interval, and return what they achieve."""
     reports = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()
@@ -109,7 +109,7 @@ def send_as_unlisted_system(rig):
 
 
 def forge_one_frame(rig):
-    """No peer is there to answer: the bytes of a minute are counted."""
+    """Return the bytes of a minute to an address without a peer."""
     frame = rig.frame(READ_ALL)
     rig.transport.inbox.append(("victim", frame))
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])

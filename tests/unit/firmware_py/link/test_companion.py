@@ -1,4 +1,4 @@
-"""The battery as another component of the boat measures it."""
+"""Battery reports of another component of the boat."""
 
 import math
 
@@ -32,7 +32,7 @@ def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, m
         (battery(current=420), ReportBattery(13.1, -4.2, 0.87, 12.34)),
     ],
 )
-def test_what_a_battery_status_says(message, expected):
+def test_battery_status_becomes_a_power_sample(message, expected):
     replies = battery_report(message)
     for name in ReportBattery.__slots__:
         assert getattr(replies, name) == (
@@ -42,7 +42,7 @@ def test_what_a_battery_status_says(message, expected):
 
 @pytest.fixture
 def companion(rig):
-    """Have a component of a system tell of a battery; returns what the boat was asked because of it."""
+    """Send the battery report of a component; return the requests that it causes."""
 
     def tell(message, system=1, component=200, chosen=200):
         rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", chosen)
@@ -74,7 +74,7 @@ def judged(**values):
     return accept(State.at_start(ParameterSet()), request)
 
 
-def test_a_report_counts_as_what_is_measured():
+def test_report_is_used_as_a_measurement():
     state, answer = judged(voltage_v=13.1, current_a=-0.4, charge=0.87)
     assert answer.verdict is Verdict.ACCEPTED
     assert read_supply(state.power, 6.0).charge == 0.87

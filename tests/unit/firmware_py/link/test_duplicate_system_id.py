@@ -1,4 +1,4 @@
-"""Frames with the boat's own ids: sent back by someone's wiring, or another vehicle's."""
+"""Frames with the ids of the boat: looped back by wiring, or sent by another vehicle."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -8,7 +8,7 @@ NOTICE = "Duplicate system id 1 on the link: change LNK_SYSID"
 
 @pytest.fixture
 def twin(rig, texts):
-    """Says messages as system 1, component 1; returns what the boat reports its stations."""
+    """Send messages as system 1, component 1; return the texts that the boat reports."""
     rig.now_s = 100.0
     rig.tick()
 

@@ -1,4 +1,4 @@
-"""The link as the loop sees it, in memory and on real sockets."""
+"""Interface of the link to the loop, in memory and on real sockets."""
 
 import os
 import re
@@ -60,16 +60,16 @@ def test_messages_of_a_tick_share_one_datagram(rig):
     assert len(rig.transport.sent[0][1]) <= 1200
 
 
-def test_events_are_reported_and_the_grave_ones_again_to_anyone_who_comes_later(make_rig, texts):
+def test_events_are_reported_and_critical_ones_again_to_later_peers(make_rig, texts):
     rig = make_rig(addresses=("first",))
-    events = [Event(Severity.CRITICAL, "grave"), Event(Severity.INFO, "light")]
-    assert texts(rig.tick(events=events)) == ["grave", "light"]
+    events = [Event(Severity.CRITICAL, "critical"), Event(Severity.INFO, "minor")]
+    assert texts(rig.tick(events=events)) == ["critical", "minor"]
     rig.transport.served = ("first", "later")
     rig.tick_silently()
-    assert texts(rig.replies("later")) == ["grave"]
+    assert texts(rig.replies("later")) == ["critical"]
 
 
-def test_who_comes_later_is_reported_how_old_a_warning_is_and_nothing_of_faults_that_have_gone(make_rig, texts):
+def test_later_peer_gets_warnings_with_their_age_and_no_ended_faults(make_rig, texts):
     rig = make_rig(addresses=("first",))
     events = [
         Event(Severity.CRITICAL, TABLE[Fault.COMPASS_LOST].text),
@@ -88,7 +88,7 @@ def test_who_comes_later_is_reported_how_old_a_warning_is_and_nothing_of_faults_
     assert replies == [[f"{age}Fence breached", f"{age}Failsafe: RTL"] for age in ages]
 
 
-def test_what_was_lost_before_the_start_is_reported_to_anyone_who_comes_however_late(make_rig, texts):
+def test_losses_before_the_start_are_reported_to_every_later_peer(make_rig, texts):
     lost = [Event(Severity.WARNING, f"{name} is damaged") for name in ("mission.plan", "fence.plan")]
     rig = make_rig(addresses=("first",), start_events=lost)
     rig.tick(events=lost)
@@ -133,7 +133,7 @@ def test_publish_answers_queued_frames(rig, of):
     assert len(of(rig.tick(), "PING")) == 7 - answered > 0
 
 
-def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
+def test_telemetry_fits_a_slow_line_and_every_message_is_sent(make_rig):
     rig = make_rig(byte_rate=120.0, has_radio_rates=True)
     seen, sent = set(), 0
     for _ in range(600):
@@ -144,8 +144,8 @@ def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
     assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS", "GPS_RAW_INT", "SYSTEM_TIME", "NAMED_VALUE_FLOAT"} <= seen
 
 
-def test_what_stations_wait_for_comes_unasked(make_rig, of):
-    """Home (MAVSDK has no goto without it), the fence while there is one, and that a boat does not fly."""
+def test_messages_that_stations_expect_are_sent_without_request(make_rig, of):
+    """Home position (MAVSDK needs it for goto), fence status while there is a fence, landed state undefined."""
     rig = make_rig()
     rig.endpoint.service(0.0, [])
     known = {"home": Home(0.7, -0.2, 1.0), "mission": MissionReport(identities=(0, 7, 0))}
@@ -157,8 +157,8 @@ def test_what_stations_wait_for_comes_unasked(make_rig, of):
     }
 
 
-def test_mavsummarize_sums_up_what_a_station_has_recorded_of_it(make_rig, tmp_path):
-    """It reads telemetry logs alone: of each frame the time in microseconds, and its bytes."""
+def test_mavsummarize_reads_the_telemetry_log_of_a_station(make_rig, tmp_path):
+    """A telemetry log contains the time in microseconds and the bytes of each frame."""
     script = shutil.which("mavsummarize.py", path=str(Path(sys.executable).parent))
     if script is None:
         pytest.skip("mavsummarize.py is not beside this Python")
@@ -195,7 +195,7 @@ def test_endpoint_implements_the_interface(rig):
 
 
 class Boat:
-    """Serves an endpoint as the loop does, between looks at a client."""
+    """Serves an endpoint as the loop does, and polls a client in between."""
 
     def __init__(self, url, rig, open_line=None):
         self.endpoint = Endpoint(
@@ -208,7 +208,7 @@ class Boat:
         self.tick = 0
 
     def serve(self, client, kind, turns=200):
-        """Let time pass until the client has a message of a kind."""
+        """Serve until the client has received a message of a kind."""
         for _ in range(turns):
             self.tick += 1
             self.endpoint.publish(self.output, self.tick * 0.1)
@@ -238,7 +238,7 @@ def closing():
 
 
 def converse(boat, client):
-    """Do with an independent client what every ground station does."""
+    """Exchange heartbeat, parameter and command with an independent client."""
     client.mav.heartbeat_send(6, 8, 0, 0, 0)
     assert boat.serve(client, "HEARTBEAT").type == mavlink.MAV_TYPE_SURFACE_BOAT
     client.mav.param_set_send(1, 1, b"CTL_K1", 42.5, 9)
@@ -255,14 +255,14 @@ def converse(boat, client):
         ("tcpin", "tcp", socket.SOCK_STREAM),
     ],
 )
-def test_an_independent_client_over_a_socket(rig, closing, ours, theirs, kind):
+def test_independent_client_over_a_socket(rig, closing, ours, theirs, kind):
     port = free_port(kind)
     if ours == "udpout":
         client = mavutil.mavlink_connection(f"{theirs}:127.0.0.1:{port}", dialect="common")
         closing(client)
         boat = Boat(f"{ours}:127.0.0.1:{port}", rig)
         closing(boat.endpoint)
-        boat.serve(client, "HEARTBEAT")  # it must hear before it knows where to send
+        boat.serve(client, "HEARTBEAT")  # the client learns the address from the first frame
     else:
         boat = Boat(f"{ours}:127.0.0.1:{port}", rig)
         closing(boat.endpoint)
@@ -317,7 +317,7 @@ class PtyClient:
         return self._found.pop(0) if self._found else None
 
 
-def test_an_independent_client_over_a_serial_line(rig):
+def test_independent_client_over_a_serial_line(rig):
     boats, stations = os.openpty()
     try:
         for descriptor in (boats, stations):
@@ -331,7 +331,7 @@ def test_an_independent_client_over_a_serial_line(rig):
         os.close(stations)
 
 
-def test_while_it_saves_power_all_but_heartbeats_comes_less_often(rig, of):
+def test_power_saving_reduces_all_rates_except_heartbeats(rig, of):
     def received(**changes):
         replies = [message for _ in range(200) for message in rig.tick(**changes)]
         return len(of(replies, "ATTITUDE")), len(of(replies, "HEARTBEAT")), len(of(replies, "CURRENT_MODE"))

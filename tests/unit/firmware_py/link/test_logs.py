@@ -54,7 +54,7 @@ def joined(found):
 
 
 def download(rig, number, ticks=40):
-    """Ask for all of a log in one request, as MAVProxy does."""
+    """Request a complete log at once, as MAVProxy does."""
     replies = ask_data(rig, number)
     for _ in range(ticks):
         rig.tick_silently()
@@ -257,7 +257,7 @@ def test_erasure_ends_a_download(boat, of):
 
 
 def compressed(disk, number):
-    """Take every step of compressing a log but the first; each is a moment that a station may come at."""
+    """Do the steps of compressing a log, without the first; a station may send a request after each."""
     path = disk / f"{number:08d}.BIN"
     job = archive_log(path)
     for _ in job:
@@ -292,7 +292,7 @@ def test_log_compressed_after_the_listing_is_sent(boat, disk, of):
     assert joined(blocks(download(boat, 2))) == content_of(2)
 
 
-def test_a_compressed_log_that_is_damaged_ends_the_download_and_one_that_is_cut_is_not_listed(boat, disk, of):
+def test_damaged_compressed_log_ends_the_download_and_truncated_one_is_not_listed(boat, disk, of):
     list(compressed(disk, 2))
     path = disk / "00000002.BIN.gz"
     data = bytearray(path.read_bytes())
@@ -320,7 +320,7 @@ def test_both_names_of_a_log_are_erased(boat, disk, texts):
 
 
 @pytest.mark.parametrize("gone", [SIZES, [1, 2]], ids=["all", "all but one"])
-def test_a_list_asked_for_again_does_not_disturb_what_is_being_sent(boat, disk, of, gone):
+def test_repeated_list_request_does_not_disturb_a_download(boat, disk, of, gone):
     entries(boat, of)
     found = blocks(ask_data(boat, 2))  # opened by now; what is removed from the directory can be read to its end
     for number in gone:
@@ -333,7 +333,7 @@ def test_a_list_asked_for_again_does_not_disturb_what_is_being_sent(boat, disk, 
     assert not boat.endpoint.busy
 
 
-def test_a_number_that_means_another_log_by_now_is_not_mixed_with_the_earlier_one(boat, disk, of):
+def test_number_that_now_names_another_log_does_not_mix_two_logs(boat, disk, of):
     entries(boat, of)
     ask_data(boat, 2)
     (disk / "00000001.BIN").unlink()

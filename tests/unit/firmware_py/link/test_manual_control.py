@@ -1,4 +1,4 @@
-"""The stick."""
+"""MANUAL_CONTROL and RC_CHANNELS_OVERRIDE."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -57,7 +57,7 @@ def test_override_of_another_boat_is_ignored(rig):
     assert rig.request_handler.intents == []
 
 
-def test_an_override_that_does_nothing_says_so_once(rig, texts):
+def test_override_without_effect_is_reported_once(rig, texts):
     rig.tick(mode=Mode.GUIDED, armed=True)
     replies = [text for _ in range(5) for text in texts(rig.tell(override(1600)))]
     assert replies == ["RC override ignored in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]

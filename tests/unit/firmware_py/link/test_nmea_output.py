@@ -1,4 +1,4 @@
-"""An output of NMEA 0183: who listens, how often, and what the URL may say."""
+"""NMEA 0183 output: listeners, rates, options of the URL."""
 
 import math
 import socket

@@ -1,4 +1,4 @@
-"""What the boat says in NMEA 0183, as two libraries that are not its own read it."""
+"""Sentences of the NMEA 0183 output, read by pynmea2 and pynmeagps."""
 
 import math
 
@@ -34,7 +34,7 @@ def scene(declination_deg=-12.3, utc_s=UTC_S, **changes):
 
 
 def replies(name, **changes):
-    """Return one sentence as pynmea2 reads it, which pynmeagps must read too; None when there is none."""
+    """Return a sentence as parsed by pynmea2; pynmeagps must parse it too. None without a sentence."""
     found = sentences(scene(**changes), [name])
     if not found:
         return None

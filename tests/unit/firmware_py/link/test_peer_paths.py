@@ -1,4 +1,4 @@
-"""One station by two ways, or by a way that changes: all of it is heard, and nothing twice."""
+"""One station on two paths, or on a path that changes: every frame is processed once."""
 
 import heapq
 import math
@@ -35,7 +35,7 @@ def parameter(value):
 
 
 class TwoWays:
-    """A rig and a router before it, which sends each frame by two ways; `by` says by which, and how much later."""
+    """A rig behind a router that sends each frame on two paths; `by` selects the paths and their delays."""
 
     def __init__(self, rig):
         self.rig = rig
@@ -104,7 +104,7 @@ def test_late_duplicate_does_not_undo_a_later_command(router):
     assert router.rig.request_handler.parameters()["CTL_K1"] == pytest.approx(0.7)
 
 
-def test_both_ways_are_served_and_what_comes_twice_is_reported_no_peer(router, texts):
+def test_both_paths_are_served_and_duplicates_are_not_reported(router, texts):
     replies = []
     for number in range(20):
         router.send(BEAT, [(RADIO, 0.3 * (number % 2)), (OTHER, 0.3 * (1 - number % 2))])
@@ -143,7 +143,7 @@ def test_mission_is_uploaded_over_two_lossy_paths(router, seed):
     assert places == [36_000_000 + n for n in range(1, ITEMS)]
 
 
-def test_of_a_file_whose_end_came_by_one_way_only_the_whole_is_kept(stored, tmp_path):
+def test_file_whose_end_came_on_one_path_is_stored_completely(stored, tmp_path):
     rig, _ = stored(addresses=())
     router = TwoWays(rig)
     client_of = type(_)
@@ -266,7 +266,7 @@ def test_frame_number_wraps():
 
 @pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
 def test_wrapped_frame_number_separates_no_paths(later_frames, stations):
-    """The other way may be late by less than half of the numbers; then a frame of the same number is another one."""
+    """A path may be late by less than half of the sequence numbers; beyond that, an equal number is another frame."""
     ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
     for number in range(later_frames + 1):

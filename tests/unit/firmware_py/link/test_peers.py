@@ -1,4 +1,4 @@
-"""Who has a place, who waits for one, and what either gets."""
+"""Active and pending peers: admission, eviction, and what each is sent."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -73,7 +73,7 @@ def test_peer_that_sends_again_becomes_active(open_rig):
 
 
 def test_pending_peer_that_uploads_is_not_removed(open_rig):
-    """Another one is refused meanwhile: it does not take its turn as if the first had left."""
+    """Another peer is refused meanwhile."""
     count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
     replies = open_rig.tell(count, address="first")
     assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(replies)}
@@ -84,7 +84,7 @@ def test_pending_peer_that_uploads_is_not_removed(open_rig):
 
 
 def test_rest_of_a_datagram_does_not_prove_the_peer(open_rig):
-    """It is looked at in pieces, with answers between them."""
+    """It is processed in pieces, with replies between them."""
     pings = b"".join(open_rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
     open_rig.give(pings, "victim")
     assert seated(open_rig) == set()
@@ -219,7 +219,7 @@ def test_bytes_of_peers_are_not_mixed(make_rig):
 
 @pytest.fixture
 def connected(make_rig):
-    """Makes a rig on a transport like tcpin with one client, who has said nothing."""
+    """Makes a rig on a transport like tcpin with one client that has sent nothing."""
 
     def make(options="policy=auto", *, key=False):
         rig = make_rig(options=parse_options(options), addresses=(), is_datagram=False)
@@ -367,7 +367,7 @@ def test_exposed_open_link_is_reported_at_start(make_rig, texts):
 
 @pytest.mark.parametrize(("armed", "first"), [(True, [*["PARAM_VALUE"] * 2, "HEARTBEAT"]), (False, ["HEARTBEAT"])])
 def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
-    """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
+    """MAVProxy evaluates them then, before it requests anything, and would report that they are disabled."""
     rig = make_rig(addresses=())
     rig.tick(armed=armed)
     replies = rig.tell(BEAT, address="station")
@@ -379,7 +379,7 @@ def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make
 
 
 def test_silent_peer_is_sent_arming_checks_before_each_heartbeat(rig, of):
-    """On a link that the boat opens itself: a station may come at any time, or come again."""
+    """On a link that the boat opens itself, a station may start or restart at any time."""
     kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
     assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
     rig.tell(BEAT)

@@ -1,4 +1,4 @@
-"""A fair share for everybody who sends."""
+"""Fair sharing of the receive queue between peers."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -95,7 +95,7 @@ def test_unknown_senders_have_one_common_share(estimator):
 
 
 def test_station_gets_replies_during_a_flood(make_rig):
-    """Any peer that floods, the other's ping is answered soon."""
+    """A ping is answered soon, whichever peer floods."""
     rig = make_rig(addresses=())
     rig.prove()
     request = rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))

@@ -1,4 +1,4 @@
-"""What others say to one another over the boat's links: to whom it goes, and what never does."""
+"""Routing of messages between the links: destinations, and messages that are never forwarded."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,7 +22,7 @@ BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 
 
 class Voice:
-    """A component of the network that speaks from an address."""
+    """A component of the network at an address."""
 
     def __init__(self, rig, address, system, component):
         self.rig, self.address = rig, address

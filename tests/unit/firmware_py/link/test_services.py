@@ -1,4 +1,4 @@
-"""Which services there are, and whose turn it is."""
+"""The services of the link, and their order of sending."""
 
 from itertools import chain, pairwise
 

@@ -1,4 +1,4 @@
-"""Heading and position goals by message."""
+"""Heading and position setpoints by messages."""
 
 import math
 
@@ -38,7 +38,7 @@ def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
     )
 
 
-def test_a_position_without_a_place_sends_it_nowhere(rig, texts):
+def test_position_target_without_a_position_is_refused(rig, texts):
     replies = texts(rig.tell(over_globe(POSITION_ONLY)))
     assert replies == ["SET_POSITION_TARGET_GLOBAL_INT: position 0, 0 is not accepted"]
     assert rig.request_handler.intents == []
@@ -168,7 +168,7 @@ def test_local_positions_are_refused_near_the_poles(rig, texts):
 
 
 @pytest.mark.parametrize(("frame", "count"), [(1, 2), (7, 1), (8, 1), (9, 1), (12, 1)])
-def test_a_goal_that_counts_from_where_it_is_counts_once_however_many_links_repeat_it(make_rig, frame, count):
+def test_relative_goal_that_several_links_repeat_is_executed_once(make_rig, frame, count):
     rig = make_rig(addresses=("one", "two"))
     rig.tick(**FIX)
     goal = rig.frame(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))

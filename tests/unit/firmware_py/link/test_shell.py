@@ -1,4 +1,4 @@
-"""A console of a ground station."""
+"""Console (SERIAL_CONTROL) of a ground station."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink

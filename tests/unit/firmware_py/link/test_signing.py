@@ -1,4 +1,4 @@
-"""Signatures, against pymavlink's own signer, and the timestamps that guard against replay."""
+"""Signatures, compared with pymavlink, and the timestamps that protect against replay."""
 
 import copy
 
@@ -25,7 +25,7 @@ NOW = timestamp_of(UTC_S)
 
 
 class Boat:
-    """A Signing with a clock and a disk of its own."""
+    """Signing with a simulated clock and disk."""
 
     def __init__(self, content=b"", key=KEY, damage=""):
         self.utc_s = UTC_S
@@ -45,7 +45,7 @@ class Boat:
 
 
 class Station:
-    """pymavlink, signing."""
+    """A signing sender of pymavlink."""
 
     def __init__(self, key=KEY, timestamp=NOW, link=3, system=255, component=190):
         self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -187,7 +187,7 @@ def test_replay_is_refused_after_a_sudden_restart():
 
 
 def test_peer_that_receives_a_heartbeat_is_accepted_after_a_sudden_restart():
-    """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all the boat heard before."""
+    """A peer has at least the newest received timestamp; the boat starts ahead of all received ones."""
     boat, station = Boat(), Station()
     assert boat.signing.verify(station.ping())
     again = boat.restarted()
@@ -315,14 +315,14 @@ def test_outdated_record_accepts_no_replay_on_a_missing_stream():
     assert again.signing.verify(station.ping())
 
 
-def test_what_is_stored_often_need_not_be_stored_twice():
+def test_frequent_changes_are_stored_in_one_slot():
     boat = Boat()
     boat.utc_s += 60.0
     LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert boat.both == [True, False]
 
 
-def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
+def test_every_stored_timestamp_is_readable_at_the_next_start():
     digits = b"9" * 15
     boat = Boat(b"key %s\ntimestamp %s\nstream 255 190 1 %s\n" % (KEY.hex().encode(), digits, digits))
     assert boat.signing.set_key(KEY, 0)
@@ -330,7 +330,7 @@ def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
 
 
 def test_clock_at_the_maximum_leaves_timestamps_for_peers():
-    """By a false GPS: every frame of its own takes its further, and its stations follow."""
+    """A false GPS time sets the clock to the maximum; each own frame increases it, and the stations follow."""
     boat, station = Boat(), Station()
     boat.utc_s = EPOCH_S + (MAX_TIMESTAMP - 10) / UNITS_HZ
     sealer, ping = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
