@@ -165,6 +165,31 @@ class Bus:
         self._socket.close()
 
 
+def read_from_network(boat, bus):
+    """Let compass, position and AIS of the vehicle file read the bus."""
+    port = f'driver = "nmea2000"\nport = "udp:{bus.address[1]}"\n'
+    text = boat._vehicle.read_text().replace("[rudder]", f"[position]\n{port}[ais]\n{port}[rudder]")
+    old_section = r'\[compass\]\ndriver = "nmea2000"\nport = "[^"]*"\nbaud = 38400\n'
+    boat._vehicle.write_text(re.sub(old_section, f"[compass]\n{port}source = {COMPASS}\n", text))
+
+
+def test_lines_of_a_network_gateway(make_boat):
+    boat = make_boat(scenario="calm", compass="nmea2000", speed=None, without=("position", "link"))
+    bus = Bus(boat, 5)
+    bus.frames_hz = 200.0
+    read_from_network(boat, bus)
+    try:
+        boat.start()
+        boat.run(5.0)
+    finally:
+        bus.close()
+    inputs = inputs_of(boat)
+    headings_deg = [math.degrees(sample.heading_rad) for row in inputs for sample in row.headings]
+    assert len(headings_deg) > 20
+    assert all(min(angle_deg, 360.0 - angle_deg) < 10.0 for angle_deg in headings_deg)  # the recorded ones are at 85
+    assert any(fix.latitude_rad is not None for row in inputs for fix in row.positions)
+
+
 @pytest.mark.proof
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("frames_per_datagram", [1, 10])
@@ -175,10 +200,7 @@ def test_full_bus_delays_no_tick(make_boat, frames_per_datagram):
     """
     boat = make_boat(scenario="tank", compass="nmea2000", speed=None, without=("position",))
     bus = Bus(boat, frames_per_datagram)
-    port = f'driver = "nmea2000"\nport = "udp:{bus.address[1]}"\n'
-    text = boat._vehicle.read_text().replace("[rudder]", f"[position]\n{port}[ais]\n{port}[rudder]")
-    old_section = r'\[compass\]\ndriver = "nmea2000"\nport = "[^"]*"\nbaud = 38400\n'
-    boat._vehicle.write_text(re.sub(old_section, f"[compass]\n{port}source = {COMPASS}\n", text))
+    read_from_network(boat, bus)
     phases = {0.0: [], 1900.0: []}
     try:
         boat.start()

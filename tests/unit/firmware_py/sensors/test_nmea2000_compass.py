@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from firmware_py.common.options import record_from
 from firmware_py.common.records import DeviceRole, DeviceState, NorthReference
 from firmware_py.sensors.nmea2000_compass import Nmea2000Compass
 from firmware_py.sensors.nmea2000_reader import Nmea2000Options
@@ -185,6 +186,14 @@ def test_backlog_is_read_up_to_a_limit_and_the_number_of_messages_is_limited(lin
     health = compass.health(1.0)
     assert health.text == "too many messages, some dropped"
     assert health.rejected == 8 * 4096 // 26 - 200
+
+
+def test_options():
+    assert (Nmea2000Options().source, Nmea2000Options().gateway) == (-1, "auto")
+    for values in ({"source": -2}, {"source": 252}, {"gateway": "nmea"}):
+        with pytest.raises(ValueError, match=next(iter(values))):
+            record_from(Nmea2000Options, values)
+    assert record_from(Nmea2000Options, {"source": 251, "gateway": "yd_raw"}).source == 251
 
 
 def test_wrong_baud_rate_is_reported(deliver, compass):

@@ -26,7 +26,8 @@ def frames(data=DATA, sequence=0):
 @pytest.mark.parametrize(
     ("identifier", "pgn", "source"),
     [(0x09F11213, 127250, 0x13), (0x0DF80516, 129029, 0x16), (0x18EEFF01, 60928, 1), (0x18EA2301, 59904, 1),
-     (0x15FD0723, 130311, 0x23), (0x09F1FE00, 127486, 0), (0x0DEFFF42, 126720, 0x42)],
+     (0x15FD0723, 130311, 0x23), (0x09F1FE00, 127486, 0), (0x0DEFFF42, 126720, 0x42), (0x09F01042, 126992, 0x42),
+     (0x0DEF1042, 126720, 0x42)],
 )  # fmt: skip
 def test_pgn_and_source_of_an_identifier(identifier, pgn, source):
     assert split_identifier(identifier) == (pgn, source)
@@ -98,6 +99,8 @@ def test_short_frame_drops_the_message(joiner):
     assert add(joiner, [*sent[:2], sent[2][:5], *sent[3:]]) == []
     assert joiner.lost == 1
     assert add(joiner, [b"\x00"]) == []
+    assert add(joiner, [b"\x00\x03"]) == []  # the length without data
+    assert joiner.lost == 2
 
 
 def test_open_messages_are_limited(joiner):
