@@ -50,6 +50,7 @@ def test_insufficient_data_gives_no_proposal_and_no_file(calibrate, tmp_path):
     path = tmp_path / "deviation.parm"
     code, text = calibrate("--save", str(path), legs=3)
     assert (code, "not enough data" in text, path.exists()) == (1, True, False)
+    assert "minutes of steady motion in 3 of 12 sectors" in text
 
 
 def test_parameters_set_during_the_log_are_in_force(calibrate):

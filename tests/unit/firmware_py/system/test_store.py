@@ -51,6 +51,15 @@ def open_descriptors():
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+def test_written_versions_and_blocks_are_counted(store):
+    """A new slot is written twice, first to allocate its blocks."""
+    counts = []
+    for content in (b"one", b"two", b"three", b"4" * 5000):
+        assert save(store, "a", content)
+        counts.append(store.written)
+    assert counts == [(1, 8192), (2, 16384), (3, 20480), (4, 36864)]
+
+
 def test_saved_content_is_on_disk(store, directory):
     assert store.load("a") is None
     store.save("a", b"one")
