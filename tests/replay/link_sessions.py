@@ -45,6 +45,15 @@ CHOICES = (
     (90.0, 5.0, -1.0, 1.0, -10.0, 170.0, 0.0),
     (-1.0, -1.0, -1.0, -1.0, 91.0, 181.0, -1.0),
     (2.0, 1600.0, 3.0, 4.0, 5.0, 6.0, 7.0),
+    (-10.0, 0.0, 0.0, 0.0, -91.0, 10.0, 0.0),
+    (-10.0, 0.0, 0.0, 1.0, 10.0, -181.0, 0.0),
+    (-10.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0),
+    (10.0, 0.0, -1.0, 1.0, 0.0, 1.0, 0.0),
+    (361.0, 1.0, 0.5, 0.5, 0.5, 0.5, 0.5),
+    (0.5, 0.5, 2.0, 2.0, 36.0, 121.0, 1e5),
+    (0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 20190226.0),
+    (1.0, 21196.0, 0.0, 0.0, 0.0, 20190226.0, 0.0),
+    (129.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     (math.nan,) * 7,
     (300.0, 300.0, 300.0, 300.0, 300.0, 300.0, 300.0),
 )
@@ -147,6 +156,37 @@ def upload(session, kind, items):
     session.note_intents()
 
 
+# Masks and quaternions of SET_ATTITUDE_TARGET: a heading of 45 deg, north, ignored, not of unit length, heeled, odd.
+ATTITUDES = (
+    (7, (0.9239, 0.0, 0.0, 0.3827)),
+    (3, (1.0, 0.0, 0.0, 0.0)),
+    (128, (1.0, 0.0, 0.0, 0.0)),
+    (7, (0.5, 0.0, 0.0, 0.0)),
+    (7, (0.7071, 0.7071, 0.0, 0.0)),
+    (0, (0.9, 0.1, 0.1, 0.4)),
+)
+MASKS = (0, 1479, 2527, 3064, 3559, 3576, 3580, 4088, 2503, 1 << 12, 3527)
+
+
+def set_targets(session):
+    """Send position targets in all frames with the usual masks, and attitude targets."""
+    for mask in MASKS:
+        for frame in (0, 1, 5, 6, 7, 8, 9, 11, 12):
+            session.rig.now_s += 1.0
+            rates = (0.5, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1)
+            session.tell(
+                mavlink.MAVLink_set_position_target_global_int_message(
+                    0, 1, 1, frame, mask, 360_000_000, 1_210_000_000, 0.0, *rates
+                ),
+                mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, 10.0, 20.0, 0.0, *rates),
+            )
+            session.note_intents()
+    for mask, quaternion in ATTITUDES:
+        session.rig.now_s += 1.0
+        session.tell(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, quaternion, 0.0, 0.0, 0.1, 0.5))
+        session.note_intents()
+
+
 def talk(verdict):
     """Return the replies to commands, parameters, plans, streams and sticks, with one verdict for all requests."""
     session = Session(addresses=("station", "other"))
@@ -205,19 +245,8 @@ def talk(verdict):
     ):
         session.tell(mavlink.MAVLink_param_set_message(1, 1, name, value, kind))
         session.tell(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
-    for heading_rad, mask in ((1.0, 2527), (1.0, 3576), (0.5, 0), (1.0, 1479)):
-        session.rig.now_s += 1.0
-        session.tell(
-            mavlink.MAVLink_set_position_target_global_int_message(
-                0, 1, 1, 6, mask, 360_000_000, 1_210_000_000, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0, 0.0, heading_rad, 0.1
-            ),
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, 8, mask, 10.0, 20.0, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0, 0.0, heading_rad, 0.1
-            ),
-            mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [0.9, 0.0, 0.0, 0.3], 0.0, 0.0, 0.1, 0.5),
-        )
-        session.note_intents()
-    for x, y, r in ((500, 0, -300), (32767, 32767, 32767), (0, 1000, 1000)):
+    set_targets(session)
+    for x, y, r in ((500, 0, -300), (32767, 32767, 32767), (0, 1000, 1000), (0, 32767, 400), (-1000, -250, 32767)):
         session.tell(mavlink.MAVLink_manual_control_message(1, x, y, 0, r, 0))
         session.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500 + x // 100, 0, 0, 1500, 0, 0, 0, 0))
         session.rig.now_s += 1.0
