@@ -111,8 +111,7 @@ class Bno08xRvc:
     def __init__(self, line: ByteLine, options: Bno08xRvcOptions) -> None:
         """Store line and options."""
         self._line = line
-        frames = max(1, round(FRAME_RATE_HZ / options.rate_hz))
-        self._frames_per_sample = frames - frames // 5  # a tick may find a frame less than the previous one
+        self._frames_per_sample = max(1, round(FRAME_RATE_HZ / options.rate_hz))
         self._sign = 1.0 if options.clockwise else -1.0
         self._receiver = PacketReceiver(line, create_framer)
         self._monitor = self._receiver.monitor
@@ -186,9 +185,11 @@ class Bno08xRvc:
         """Append a sample if it is due and the history is complete."""
         first, first_rad = self._history[0] if self._history else (self._number, 0.0)
         periods = self._number - first
-        if periods < RATE_FRAMES or self._number < self._due_number:
+        every = self._frames_per_sample
+        early = every // 5  # frames that a tick may find less than the previous one
+        if periods < RATE_FRAMES or self._number < self._due_number - early:
             return
-        self._due_number = self._number + self._frames_per_sample
+        self._due_number = max(self._due_number + every, self._number + every - early)
         self._receiver.samples.append(
             HeadingSample(
                 t_s=now_s,
