@@ -7,6 +7,7 @@ measures it, it is estimated from the commands (estimate/rudder_slew.py).
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Final
 
 import msgspec
@@ -18,6 +19,15 @@ from firmware_py.estimate import rudder_slew
 from firmware_py.estimate.rudder_slew import SlewSettings, SlewState
 
 MAX_SHAFT_RAD: Final = 2.0 * math.pi  # larger feedback is invalid
+
+
+class RudderSource(IntEnum):
+    """Source of the rudder angle."""
+
+    NONE = 0  # before the first feedback
+    SERVO = 1
+    SENSOR = 2
+    ESTIMATE = 3
 
 
 class RudderSettings(msgspec.Struct, frozen=True):
@@ -60,6 +70,7 @@ class RudderState(msgspec.Struct, frozen=True):
     restarted_s: float | None = None
     sensor: RudderAngleSample | None = None
     slew: SlewState | None = None
+    source: RudderSource = RudderSource.NONE
 
     @property
     def feedback_s(self) -> float | None:
@@ -74,7 +85,7 @@ def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tupl
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
-        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s, sensor)
+        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s, sensor, state.slew, state.source)
     elif sensor is not state.sensor:
         state = msgspec.structs.replace(state, sensor=sensor)
     is_sensor_fresh = sensor is not None and now_s - sensor.t_s <= settings.sensor_timeout_s
@@ -82,17 +93,32 @@ def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tupl
     slew = None
     if measured_rad is None and state.feedback is not None:
         slew = _estimate(settings, previous, state.feedback, now_s)
-    if slew is not state.slew:
-        state = msgspec.structs.replace(state, slew=slew)
+    source = _source_of(measured_rad, slew, from_sensor=is_sensor_fresh)
+    if slew is not state.slew or source is not state.source:
+        state = msgspec.structs.replace(state, slew=slew, source=source)
     is_repeated = is_sensor_fresh and not inputs.rudder_angles
     return state, _status(state, measured_rad, now_s, is_new=bool(inputs.rudder), is_repeated=is_repeated)
 
 
 def source_events(previous: RudderState, state: RudderState) -> tuple[Event, ...]:
-    """Return the event of a change between a measured and an estimated angle."""
-    if (previous.slew is None) is (state.slew is None):
+    """Return the event of another source of the angle; the first one is reported if it is the estimate."""
+    is_first = previous.source is RudderSource.NONE
+    is_estimate = state.source is RudderSource.ESTIMATE
+    if state.source in (previous.source, RudderSource.NONE) or (is_first and not is_estimate):
         return ()
-    return (Event(Severity.NOTICE, "Rudder angle: measured" if state.slew is None else "Rudder angle: estimated"),)
+    severity = Severity.WARNING if previous.source is RudderSource.SENSOR else Severity.NOTICE
+    if is_estimate:
+        return (Event(severity, "Rudder angle: estimated"),)
+    is_servo = state.source is RudderSource.SERVO
+    text = "Rudder angle: measured by the servo" if is_servo else "Rudder angle: measured by the sensor"
+    return (Event(severity, text),)
+
+
+def _source_of(measured_rad: float | None, slew: SlewState | None, *, from_sensor: bool) -> RudderSource:
+    """Return the source of the angle of a tick."""
+    if measured_rad is not None:
+        return RudderSource.SENSOR if from_sensor else RudderSource.SERVO
+    return RudderSource.NONE if slew is None else RudderSource.ESTIMATE
 
 
 def _shaft_angle_rad(settings: RudderSettings, state: RudderState) -> float | None:

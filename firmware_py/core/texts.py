@@ -22,7 +22,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "nothing measures the rudder angle; it is computed from the commands. A jammed rudder shows only in turns",
         "nothing with a servo that measures no angle; otherwise check cable and power of the rudder angle sensor",
     ),
-    "Rudder angle: measured": ("the servo or the rudder angle sensor measures the angle again", _NOTHING),
+    "Rudder angle: measured by the servo": (
+        "the servo measures the angle again, or the rudder angle sensor has failed",
+        "with a sensor, check its cable and power; the boat steers on by the angle of the servo",
+    ),
+    "Rudder angle: measured by the sensor": ("the rudder angle sensor is used from now on", _NOTHING),
     "Mode <mode>": ("the mode was changed by a command or a failsafe", _NOTHING),
     "Failsafe: <mode>": (
         "an active fault has changed the mode, by its parameter `FS_...`",

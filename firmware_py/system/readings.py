@@ -147,7 +147,7 @@ def format_device(record: Values) -> str:
     rate = "      -" if record["rate_hz"] is None else f"{record['rate_hz']:7.2f}"
     values = {name: value for name, value in record.items() if name not in head}
     text = (
-        f"{record['device']:<11}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
+        f"{record['device']:<10} {record['driver']:<9} {record['state']:<9}{rate} Hz  "
         f"{record['accepted']} good, {record['rejected']} bad  {format_values(values)}"
     ).rstrip()
     return f"{text}  [{record['error']}]" if record["error"] else text

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Inputs, RudderAngleSample, RudderFeedback, Tick
+from firmware_py.common.records import Inputs, RudderAngleSample, RudderFeedback, Severity, Tick
 from firmware_py.core.rudder import RudderSettings, RudderState, source_events, update
 
 PARAMETERS = ParameterSet().replaced("RUD_EST_DEG_S", math.degrees(0.5)).replaced("RUD_EST_LAG_S", 0.0)
@@ -17,7 +17,8 @@ class Rudder:
 
     def __init__(self, parameters=PARAMETERS):
         self.settings = RudderSettings.of(parameters)
-        self.state, self.status, self.index, self.events = RudderState(), None, 0, []
+        self.state, self.status, self.index = RudderState(), None, 0
+        self.events, self.severities = [], []
 
     def tick(self, shaft_rad=None, *, sensor_rad=None, command_rad=0.0, torque_on=True, servo=True):
         t_s = 0.1 * self.index
@@ -26,7 +27,9 @@ class Rudder:
         inputs = Inputs(Tick(self.index, t_s, 0.0, 0, 10.0), rudder=feedback, rudder_angles=angles)
         previous = self.state
         self.state, self.status = update(self.settings, previous, inputs)
-        self.events += [event.text for event in source_events(previous, self.state)]
+        events = source_events(previous, self.state)
+        self.events += [event.text for event in events]
+        self.severities += [event.severity for event in events]
         self.state = RudderState(command_rad, *(getattr(self.state, name) for name in self.state.__struct_fields__[1:]))
         self.index += 1
         return self.status
@@ -66,7 +69,7 @@ def test_estimate_begins_at_the_last_measured_angle(rudder):
     assert rudder.tick().angle_rad == pytest.approx(0.15)
     status = rudder.tick(-0.1)
     assert (status.angle_rad, status.measured, status.estimated) == (-0.1, True, False)
-    assert rudder.events == ["Rudder angle: estimated", "Rudder angle: measured"]
+    assert rudder.events == ["Rudder angle: estimated", "Rudder angle: measured by the servo"]
 
 
 def test_impossible_angle_of_the_servo_is_not_measured(rudder):
@@ -96,7 +99,10 @@ def test_silent_sensor_is_replaced_by_the_servo_after_the_time_out(rudder):
     rudder.tick(0.4, sensor_rad=-0.2)
     assert [rudder.tick(0.4).angle_rad for _ in range(12)] == [-0.2] * 10 + [0.4] * 2  # RUD_TIMEOUT_S is 1 s
     assert not rudder.status.is_repeated
-    assert rudder.events == []
+    assert rudder.events == ["Rudder angle: measured by the servo"]
+    assert rudder.severities == [Severity.WARNING]
+    rudder.tick(0.4, sensor_rad=-0.2)
+    assert (rudder.events[1:], rudder.severities[1:]) == (["Rudder angle: measured by the sensor"], [Severity.NOTICE])
 
 
 def test_silent_sensor_is_replaced_by_the_estimate_from_its_last_angle(rudder):
@@ -105,7 +111,8 @@ def test_silent_sensor_is_replaced_by_the_estimate_from_its_last_angle(rudder):
     assert angles == pytest.approx([0.2] * 11 + [0.15, 0.1])
     assert rudder.status.estimated
     assert rudder.tick(sensor_rad=0.05).angle_rad == 0.05
-    assert rudder.events == ["Rudder angle: estimated", "Rudder angle: measured"]
+    assert rudder.events == ["Rudder angle: estimated", "Rudder angle: measured by the sensor"]
+    assert rudder.severities == [Severity.WARNING, Severity.NOTICE]
 
 
 def test_estimate_begins_at_the_newer_of_servo_and_sensor(rudder):
@@ -118,6 +125,9 @@ def test_estimate_begins_at_the_newer_of_servo_and_sensor(rudder):
 def test_sensor_measures_without_feedback_of_the_servo(rudder):
     status = rudder.tick(sensor_rad=0.1, servo=False)
     assert (status.angle_rad, status.measured, status.estimated, status.feedback_s) == (0.1, True, False, None)
+    for _ in range(12):
+        status = rudder.tick(servo=False)
+    assert (status.measured, rudder.events) == (False, [])
 
 
 def test_time_out_of_the_sensor_is_a_parameter():

@@ -39,6 +39,7 @@ from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
+from firmware_py.system.readings import device_values, format_device
 from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSources
 
 MAX_EVENTS = 30
@@ -260,3 +261,8 @@ def test_an_error_is_reported_once_and_the_next_status_is_written(boat, failure)
 def test_every_section_is_valid_json_before_any_measurement(boat):
     for name, values_of in SECTIONS.items():
         assert isinstance(json.loads(json.dumps(values_of(boat.output.snapshot), allow_nan=False)), dict), name
+
+
+def test_long_names_of_devices_are_separated():
+    values = device_values("rudder_angle", "bno08x_rvc", "/dev/x", None, None)
+    assert format_device(values).split()[:3] == ["rudder_angle", "bno08x_rvc", "absent"]
