@@ -123,10 +123,14 @@ class ReplyParser:
 
 
 class Request(msgspec.Struct, frozen=True):
-    """Bytes of a request; `target`: that it sets in quarter microseconds, None for a request of the errors."""
+    """Bytes of a request; `target`: that it sets in quarter microseconds, None for a request of the errors.
+
+    Each request is an object of its own, because a reply belongs to the newest one only.
+    """
 
     frame: bytes
     target: int | None = None
+    is_search: bool = False
 
 
 class MaestroServo:
@@ -139,8 +143,8 @@ class MaestroServo:
         self._options = options
         self._scale = PulseScale.of(options)
         self._window = ReadingWindow()
-        self._search = Request(self._frame(POLOLU_PROTOCOL, options.device, GET_ERRORS & 0x7F))
-        self._reading = Request(
+        self._search_frame = self._frame(POLOLU_PROTOCOL, options.device, GET_ERRORS & 0x7F)
+        self._reading_frame = (
             self._frame(SET_SPEED, options.channel, *_low_and_high(options.speed))
             + self._frame(SET_ACCELERATION, options.channel, *_low_and_high(options.acceleration))
             + self._frame(GET_ERRORS)
@@ -187,7 +191,7 @@ class MaestroServo:
     def next_request(self, now_s: float) -> Request | None:
         """Return the search or the target if it is due, otherwise the reading of the errors."""
         if self._is_search_due:
-            return self._search
+            return Request(self._search_frame, is_search=True)
         if self._is_target_due:
             target = self._target()
             channel = self._options.channel
@@ -195,13 +199,13 @@ class MaestroServo:
             return Request(frame, target)
         age_s = now_s - self._last_reading_s
         is_overdue = age_s >= ERRORS_INTERVAL_S and (self._window.is_early(now_s) or self._window.is_overdue(age_s))
-        return self._reading if self._has_lost_target or is_overdue else None
+        return Request(self._reading_frame) if self._has_lost_target or is_overdue else None
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request was sent; its reply begins with the next byte."""
         self.parser.clear()
         self._newest = request
-        self._was_search = request is self._search
+        self._was_search = request.is_search
         if request.target is not None:
             self._is_target_due = False
         elif self._was_search:

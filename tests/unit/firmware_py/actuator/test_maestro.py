@@ -2,12 +2,15 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_py.actuator.maestro import MaestroOptions, crc7, maestro_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
-from hil.devices.maestro import divide
+from hil.devices.hobby_servo import HobbyServo
+from hil.devices.maestro import MaestroEmulator, divide
+from hil.ship.servo import ServoShaft
 
 LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0xA1: 1, 0xAA: 3}
 
@@ -304,3 +307,29 @@ def test_maestro_that_answers_requests_of_errors_only_is_silent(rig, maestro):
     assert rig.health().state is DeviceState.RUNNING
     rig.ticks(3)
     assert rig.health().state is DeviceState.SILENT
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"crc": True}, {"device": 20}, {"speed": 20}, {"crc": True, "device": 20, "channel": 17}]
+)
+def test_driver_and_emulator_together(fakes, options):
+    """The emulator has the same settings, and detects the baud rate."""
+    shaft = ServoShaft(low_stop_rad=-2.0, high_stop_rad=2.0)
+    settings = {name: value for name, value in options.items() if name != "speed"}
+    emulator = MaestroEmulator(HobbyServo(shaft), detects_baud=True, **settings)
+    line = fakes.line()
+    rig = fakes.rig(maestro_rudder(line, MaestroOptions(**options)))
+
+    def handle(data):
+        shaft.advance(rig.now_s)
+        emulator.receive(rig.now_s, data)
+        return emulator.take_output(rig.now_s + 0.005)
+
+    line.device = SimpleNamespace(handle=handle)
+    rig.ticks(40, shaft_deg=20.0)
+    assert math.degrees(shaft.angle_rad()) == pytest.approx(20.0, abs=0.1)
+    assert (rig.health().state, rig.health().text, rig.health().rejected) == (DeviceState.RUNNING, "", 0)
+    emulator.power_cycle(rig.now_s, off_s=1.0)
+    feedback = rig.ticks(40, shaft_deg=-20.0)
+    assert feedback[-1].restarts == 1
+    assert math.degrees(shaft.angle_rad()) == pytest.approx(-20.0, abs=0.1)
