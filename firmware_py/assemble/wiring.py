@@ -131,9 +131,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
         written=lambda: store.written,
         start_events=notices,
     )
-    opened.callback(endpoint.close)
-    vault.on_mount(_create_late_key_handler(endpoint, options.state_directory, say))
-    notices += (event for event in endpoint.start_events if event not in notices)
+    _connect_endpoint(endpoint, vault, options.state_directory, notices, say, opened)
     parts = LoopParts(
         clock=clock,
         autopilot=autopilot,
@@ -160,6 +158,20 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     _connect_reports(vehicle, options, parts, status_reader(endpoint, outputs), version.commit, console, opened)
     connect_nmea_outputs(outputs, parts)
     return Assembly(parts, endpoint, console, endings, opened.pop_all().close)
+
+
+def _connect_endpoint(
+    endpoint: Endpoint,
+    vault: KeyVault,
+    directory: Path,
+    notices: list[Event],
+    say: Callable[[str], None],
+    opened: ExitStack,
+) -> None:
+    """Close the endpoint at the end, use a late signing key, and report the events of its start."""
+    opened.callback(endpoint.close)
+    vault.on_mount(_create_late_key_handler(endpoint, directory, say))
+    notices += (event for event in endpoint.start_events if event not in notices)
 
 
 def _report_device_problems(vehicle: Vehicle, lines: Sequence[Line], say: Callable[[str], None]) -> None:
