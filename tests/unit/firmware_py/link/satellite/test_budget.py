@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from firmware_py.link.satellite.messages import Kind
-from firmware_py.link.satellite.record import Ledger, Limits
+from firmware_py.link.satellite.messages import Kind, Window
+from firmware_py.link.satellite.record import Ledger, Limits, Record, from_bytes, to_bytes
 from support.satellite import START_UTC_S
 
 LIMITS = Limits(day=10, month=20, credit_bytes=50)
@@ -42,3 +42,24 @@ def test_earlier_or_invalid_clock_keeps_the_used_credits():
 
 def test_refund_is_limited_to_the_used_credits():
     assert Ledger().charged(2).charged(-3) == Ledger()
+
+
+@pytest.mark.parametrize(
+    ("record", "is_valid"),
+    [
+        (Record(Ledger(day=1_000_000, total=1 << 40), Window(used=(2, 3))), True),
+        (Record(Ledger(day=1_000_001)), False),
+        (Record(Ledger(total=(1 << 40) + 1)), False),
+        (Record(Ledger(day_used=-1)), False),
+        (Record(window=Window(floor=-1)), False),
+        (Record(window=Window(used=(3, 2))), False),
+        (Record(window=Window(used=(2, 2))), False),
+    ],
+)
+def test_stored_record_must_be_possible(record, is_valid):
+    content = to_bytes(record)
+    if is_valid:
+        assert from_bytes(content) == (record, ())
+    else:
+        with pytest.raises(ValueError, match=r"negative|out of range"):
+            from_bytes(content)
