@@ -96,6 +96,13 @@ def test_all_generated_parts_can_be_written(pages):
     }
 
 
+@pytest.mark.parametrize("name", ["nmea-sentences", "plan-items", "vehicle-file"])
+def test_tables_of_the_reference_are_those_of_the_program(fill, name):
+    """A limit or a sentence that changes in the program has to change in the reference, too."""
+    text = (ROOT / f"docs/reference/{name}.md").read_text()
+    assert fill(text).split() == text.split()
+
+
 def test_check_reports_a_changed_page_and_ignores_line_breaks(pages, monkeypatch, tmp_path):
     page = tmp_path / "a.md"
     monkeypatch.setattr(pages, "ROOT", tmp_path)
