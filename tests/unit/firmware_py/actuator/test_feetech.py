@@ -222,6 +222,17 @@ def test_rejected_goal_is_a_fault_after_three_ticks(running, servo):
     assert running.health().state is DeviceState.RUNNING
 
 
+def test_rejected_goals_before_the_line_was_reopened_do_not_count(running, servo, line):
+    servo.ignored_addresses |= {42, 43}
+    running.ticks(2, shaft_deg=10.0)
+    line.unplug()
+    line.plug()
+    running.ticks(3, shaft_deg=10.0)  # in the first one the state is read before the goal is sent
+    assert running.health().state is DeviceState.RUNNING
+    running.ticks(1, shaft_deg=10.0)
+    assert running.health().state is DeviceState.FAULTY
+
+
 def test_goal_of_a_released_servo_is_not_compared(running, servo):
     running.ticks(2, torque_on=False)
     servo.restart()  # the goal is lost
