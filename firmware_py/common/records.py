@@ -253,8 +253,8 @@ class RudderStatus(msgspec.Struct, frozen=True):
     `command_rad` is the last command. `angle_rad` is the last measured angle (`measured`), otherwise the estimate of
     the slew model (`estimated`; not if the servo is released, because the angle is then unknown), before the first
     feedback the command. `is_new`: there was feedback since the last tick. `is_repeated`: the angle is that of a sensor
-    without a new sample. `feedback_s` is the time of the last feedback, None before the first. `torque_on`, `current_a`
-    and `power_w` belong to that feedback, None if unknown.
+    (`from_sensor`) without a new sample. `feedback_s` is the time of the last feedback, None before the first.
+    `torque_on`, `current_a` and `power_w` belong to that feedback, None if unknown.
     """
 
     t_s: float
@@ -268,6 +268,7 @@ class RudderStatus(msgspec.Struct, frozen=True):
     power_w: float | None = None
     is_repeated: bool = False
     estimated: bool = False
+    from_sensor: bool = False
 
 
 class Stored(msgspec.Struct, frozen=True):

@@ -146,7 +146,8 @@ def _status(
     estimate_rad = state.command_rad if slew is None else slew.angle_rad
     angle_rad = estimate_rad if measured_rad is None else measured_rad
     if feedback is None:
-        return RudderStatus(now_s, state.command_rad, angle_rad, measured=measured_rad is not None)
+        is_measured = measured_rad is not None  # by the sensor
+        return RudderStatus(now_s, state.command_rad, angle_rad, measured=is_measured, from_sensor=is_measured)
     power_w = None
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
@@ -162,4 +163,5 @@ def _status(
         power_w=power_w if power_w is not None and math.isfinite(power_w) else None,
         is_repeated=is_repeated,
         estimated=slew is not None and feedback.torque_on is not False,
+        from_sensor=state.source is RudderSource.SENSOR,
     )

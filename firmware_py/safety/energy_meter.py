@@ -37,8 +37,11 @@ class EnergyMeterState(msgspec.Struct, frozen=True):
 
 
 def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> EnergyMeterState:
-    """Return the state after a tick, updated with the rudder angle and the power of a new servo feedback."""
-    angle_rad = rudder.angle_rad
+    """Return the state after a tick, updated with the rudder angle and the power of a new servo feedback.
+
+    The noise of a rudder angle sensor would add up, so the travel is then that of the commands.
+    """
+    angle_rad = rudder.command_rad if rudder.from_sensor else rudder.angle_rad
     previous_rad = angle_rad if state.angle_rad is None else state.angle_rad
     moved_rad = abs(angle_rad - previous_rad)
     extreme_rad, direction, reversals = _turning_point(state, angle_rad)

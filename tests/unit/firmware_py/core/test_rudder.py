@@ -43,6 +43,7 @@ def rudder():
 def test_angle_of_the_servo_is_measured(rudder):
     status = rudder.tick(0.2)
     assert (status.angle_rad, status.measured, status.estimated, status.is_repeated) == (0.2, True, False, False)
+    assert not status.from_sensor
     assert rudder.state.slew is None
     status = rudder.tick(servo=False)
     assert (status.angle_rad, status.measured, status.is_new) == (0.2, True, False)
@@ -90,6 +91,7 @@ def test_released_servo_without_an_angle_is_not_estimated(rudder):
 def test_sensor_is_the_measurement_for_any_servo(rudder, shaft_rad):
     status = rudder.tick(shaft_rad, sensor_rad=-0.2)
     assert (status.angle_rad, status.measured, status.estimated, status.is_repeated) == (-0.2, True, False, False)
+    assert status.from_sensor
     status = rudder.tick(shaft_rad)
     assert (status.angle_rad, status.measured, status.is_repeated) == (-0.2, True, True)
     assert rudder.state.slew is None
@@ -125,6 +127,7 @@ def test_estimate_begins_at_the_newer_of_servo_and_sensor(rudder):
 def test_sensor_measures_without_feedback_of_the_servo(rudder):
     status = rudder.tick(sensor_rad=0.1, servo=False)
     assert (status.angle_rad, status.measured, status.estimated, status.feedback_s) == (0.1, True, False, None)
+    assert status.from_sensor
     for _ in range(12):
         status = rudder.tick(servo=False)
     assert (status.measured, rudder.events) == (False, [])

@@ -46,3 +46,11 @@ def test_values_per_hour_have_a_memory_of_an_hour():
     assert later.reversals_per_h < 1.0
     assert later.resting
     assert later.power_w is None
+
+
+def test_noise_of_a_rudder_angle_sensor_is_no_travel():
+    state = EnergyMeterState()
+    for tick in range(100):
+        noise_rad = 0.01 * (-1) ** tick
+        state = update(state, RudderStatus(0.1 * tick, 0.001 * tick, noise_rad, measured=True, from_sensor=True), 0.1)
+    assert state.travel_rad == pytest.approx(0.099)
