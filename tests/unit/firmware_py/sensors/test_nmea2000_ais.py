@@ -45,6 +45,8 @@ def test_position_of_class_a(deliver, ais):
     health = ais.health(2.5)
     assert (health.role, health.state, health.accepted) == (DeviceRole.AIS, DeviceState.RUNNING, 1)
     assert ais.fileno() == -1
+    assert ais.health(602.5).state is DeviceState.RUNNING
+    assert ais.health(602.6).state is DeviceState.SILENT
 
 
 def test_position_of_class_b(deliver, ais):

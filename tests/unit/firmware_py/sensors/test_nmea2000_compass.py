@@ -93,6 +93,7 @@ def test_attitude_is_used_while_it_is_recent(deliver, compass):
     assert deliver(compass, heading(1.0), now_s=3.5)[0].roll_rad is not None
     assert deliver(compass, heading(1.0), now_s=3.6)[0].roll_rad is None
     assert deliver(compass, attitude(3.0, 91.0), heading(1.0), now_s=3.7)[0].pitch_rad is None
+    assert deliver(compass, attitude(3.0, 89.9), heading(1.0), now_s=3.7)[0].pitch_rad is not None
 
 
 def test_other_devices_are_not_mixed_with_the_source(deliver, compass):
@@ -129,7 +130,13 @@ def test_frequent_true_headings_suppress_magnetic_ones(deliver, compass):
     messages = heading(10.0, n2k.TRUE), heading(8.0)
     counts = [len(deliver(compass, *messages, now_s=float(second))) for second in range(4)]
     assert counts == [2, 2, 1, 1]
+    assert deliver(compass, heading(8.0), now_s=5.0) == ()
     assert len(deliver(compass, heading(8.0), now_s=5.1)) == 1
+
+
+def test_true_headings_every_two_seconds_suppress_magnetic_ones(deliver, compass):
+    counts = [len(deliver(compass, heading(10.0, n2k.TRUE), heading(8.0), now_s=2.0 * count)) for count in range(4)]
+    assert counts == [2, 2, 1, 1]
 
 
 def test_rare_true_headings_do_not_suppress_magnetic_ones(deliver, compass):
@@ -186,6 +193,18 @@ def test_backlog_is_read_up_to_a_limit_and_the_number_of_messages_is_limited(lin
     health = compass.health(1.0)
     assert health.text == "too many messages, some dropped"
     assert health.rejected == 8 * 4096 // 26 - 200
+    line.inbox[:] = heading(10.0) * 60
+    compass.receive(1.1)
+    assert len(compass.poll()) == 50  # 500 a second
+
+
+@pytest.mark.parametrize(("size", "reads"), [(2047, 1), (2048, 2)])
+def test_short_read_is_the_last_one(size, reads):
+    pieces = [b"x" * size, b"x", b""]
+    line = FakeLine()
+    line.read = lambda: pieces.pop(0)
+    Nmea2000Compass(line, Nmea2000Options()).receive(1.0)
+    assert len(pieces) == 3 - reads
 
 
 def test_options():

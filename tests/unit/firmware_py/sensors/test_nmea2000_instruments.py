@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from firmware_py.common.options import record_from
 from firmware_py.common.records import DeviceRole, DeviceState, WindReference
 from firmware_py.sensors.nmea2000_depth import Nmea2000Depth, Nmea2000DepthOptions
 from firmware_py.sensors.nmea2000_rudder import Nmea2000Rudder, Nmea2000RudderOptions
@@ -65,6 +66,35 @@ def test_rudder_messages_without_a_position_are_not_used(deliver, make):
     assert sensor.health(1.0).state is DeviceState.STARTING
     samples = deliver(sensor, bytes.fromhex("10029313020df101ffccb35d0a000800ff230afa09ffff3f1003"))
     assert angles_deg(samples) == [14.6]
+
+
+def test_text_of_a_device_that_sends_no_angle(deliver, make):
+    sensor = make("rudder")
+    deliver(sensor, rudder(1.0))
+    deliver(sensor, rudder(None), now_s=9.0)
+    assert (sensor.health(9.0).state, sensor.health(9.0).text) == (
+        DeviceState.SILENT,
+        "no rudder angle from the device",
+    )
+
+
+def test_instances_of_the_vehicle_file():
+    assert record_from(Nmea2000RudderOptions, {"instance": 252}).instance == 252
+    for instance in (-2, 253):
+        with pytest.raises(ValueError, match="instance"):
+            record_from(Nmea2000RudderOptions, {"instance": instance})
+
+
+@pytest.mark.parametrize(("section", "message"), [("wind", "wind"), ("depth", "depth")])
+def test_silence_and_a_second_device(deliver, make, section, message):
+    sensor = make(section)
+    messages = {"wind": (wind(1.0, 1.0), wind(2.0, 1.0, source=0x41)), "depth": (depth(1.0), depth(2.0, source=0x51))}
+    first, second = messages[message]
+    deliver(sensor, first, now_s=0.0)
+    assert sensor.health(5.0).state is DeviceState.RUNNING
+    assert sensor.health(5.1).state is DeviceState.SILENT
+    assert deliver(sensor, second, now_s=5.0) == ()
+    assert len(deliver(sensor, second, now_s=5.1)) == 1
 
 
 def test_one_of_several_rudders(deliver, make):
@@ -130,7 +160,7 @@ def test_configured_wind_source_is_used_with_any_reference(deliver, make):
 
 
 @pytest.mark.parametrize(
-    ("offset_m", "option_m", "expected"), [(None, 0.5, 12.5), (0.7, 0.5, 12.7), (-0.9, 0.5, 12.5), (0.0, 0.0, 12.0)]
+    ("offset_m", "option_m", "expected"), [(None, 0.5, 12.5), (0.7, 0.5, 12.7), (-0.9, 0.5, 12.5), (0.0, 0.5, 12.5)]
 )
 def test_depth_below_the_surface(deliver, make, offset_m, option_m, expected):
     sensor = make("depth", transducer_depth_m=option_m)

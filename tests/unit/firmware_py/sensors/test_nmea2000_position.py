@@ -72,13 +72,17 @@ def test_positions_that_are_not_used(deliver, receiver, change, reason):
 @pytest.mark.parametrize(
     ("change", "name", "expected"),
     [({"altitude_m": None}, "fix", FixType.FIX_2D), ({"altitude_m": 2e5}, "altitude_m", None),
+     ({"altitude_m": 1e5}, "altitude_m", 1e5), ({"altitude_m": -1e3}, "altitude_m", -1e3),
+     ({"altitude_m": -1000.5}, "altitude_m", None), ({"hdop": 0.0}, "hdop", 0.0),
+     ({"utc_s": 315532800.0}, "utc_s", 315532800.0), ({"place": (50.0, None)}, "fix", FixType.NONE),
+     ({"place": (None, 50.0)}, "fix", FixType.NONE),
      ({"hdop": None}, "hdop", None), ({"hdop": -1.0}, "hdop", None), ({"satellites": 255}, "satellites", None),
      ({"utc_s": None}, "utc_s", None), ({"utc_s": 3e8}, "utc_s", None), ({"integrity": 2}, "fix", FixType.FIX_3D)],
 )  # fmt: skip
 def test_values_that_are_not_available(deliver, receiver, change, name, expected):
     (sample,) = deliver(receiver, gnss(**change))
     assert getattr(sample, name) == expected
-    assert sample.latitude_rad is not None
+    assert (sample.latitude_rad is None) is (sample.fix is FixType.NONE)
 
 
 def test_course_and_speed_are_used_while_they_are_recent(deliver, receiver):
@@ -90,7 +94,8 @@ def test_course_and_speed_are_used_while_they_are_recent(deliver, receiver):
     assert deliver(receiver, gnss(), now_s=2.1)[0].speed_over_ground_m_s is None
     (fix,) = deliver(receiver, course(123.0, 1.0, n2k.MAGNETIC), gnss(), now_s=2.2)
     assert (fix.course_over_ground_rad, fix.speed_over_ground_m_s) == (None, pytest.approx(1.0))
-    (fix,) = deliver(receiver, course(None, 201.0), gnss(), now_s=2.3)
+    assert deliver(receiver, course(None, 200.0), gnss(), now_s=2.3)[0].speed_over_ground_m_s == 200.0
+    (fix,) = deliver(receiver, course(None, 200.01), gnss(), now_s=2.3)
     assert (fix.course_over_ground_rad, fix.speed_over_ground_m_s) == (None, None)
 
 
@@ -124,8 +129,15 @@ def test_time_of_the_system_message_is_used_while_it_is_recent(deliver, receiver
     assert deliver(receiver, gnss(utc_s=None), now_s=7.2)[0].utc_s is None
 
 
+def test_date_without_a_time_is_no_time(deliver, receiver):
+    data = bytearray(n2k.gnss_position(*PLACE, UTC_S))
+    data[3:7] = b"\xff" * 4
+    (fix,) = deliver(receiver, n2k.actisense_message(129029, 0x10, bytes(data)))
+    assert (fix.fix, fix.utc_s) == (FixType.FIX_3D, None)
+
+
 def test_hanging_receiver_has_no_fix(deliver, receiver):
-    fixes = [deliver(receiver, gnss(), now_s=float(second))[0].fix for second in range(6)]
+    fixes = [deliver(receiver, gnss(), now_s=t_s)[0].fix for t_s in (0.0, 1.0, 2.0, 3.0, 3.1, 5.0)]
     assert fixes == [FixType.FIX_3D] * 4 + [FixType.NONE] * 2
     assert receiver.health(5.0).text == "time not advancing: no fix"
     assert deliver(receiver, gnss(utc_s=UTC_S + 6.0), now_s=6.0)[0].fix is FixType.FIX_3D
