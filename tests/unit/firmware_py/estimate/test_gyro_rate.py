@@ -9,7 +9,7 @@ from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
-from firmware_py.estimate import delay_test, heading_estimator, heading_filter, heading_model, heading_tick
+from firmware_py.estimate import delay_test, gyro, heading_estimator, heading_filter, heading_model, heading_tick
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.heading_filter import PRIOR
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
@@ -136,13 +136,17 @@ def test_jump_of_the_compass_does_not_end_the_use_of_the_gyroscope():
 
 
 def test_rate_is_used_once_for_each_heading_of_a_slow_compass(monkeypatch):
-    used_s, take_rate = [], heading_tick.take_rate
+    used_sds, take_rate = [], heading_tick.take_rate
     boat = Boat(factor=1.0).run(120.0)
-    monkeypatch.setattr(heading_tick, "take_rate", lambda *args: used_s.append(boat.t_s) or take_rate(*args))
+    monkeypatch.setattr(heading_tick, "take_rate", lambda *args: used_sds.append(args[2]) or take_rate(*args))
     for _ in range(50):
         boat.has_compass = not boat.has_compass
         boat.run(0.1)
-    assert len(used_s) == 25
+    assert len(used_sds) == 25
+    levels = boat.state.tick.filter.levels
+    expected_rad_s = gyro.rate_sd_rad_s(math.exp(levels.wave_sd), math.exp(levels.wave_period))
+    assert used_sds[-1] == pytest.approx(expected_rad_s, rel=0.2)
+    assert expected_rad_s > 1.01 * gyro.rate_sd_rad_s(0.0, 1.0)
 
 
 def test_gyroscope_is_not_used_by_the_observer_and_gives_no_attitude():

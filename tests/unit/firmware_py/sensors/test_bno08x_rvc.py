@@ -232,9 +232,10 @@ def test_nearly_vertical_device_gives_no_rate(send, gyro):
 
 
 def test_rate_contains_no_turn_from_before_a_restart(send):
-    before = send(frames(0, [0.2 * number for number in range(6)]))
+    data = frames(0, [0.2 * number for number in range(17)])
+    before = send(data[:6] + data[16:])
     after = send(frames(100, [40.0] * 7), begin_s=1.06)
-    assert rates_deg_s(before) == pytest.approx([20.0])
+    assert rates_deg_s(before) == pytest.approx([20.0] * 2)
     assert rates_deg_s(after) == pytest.approx([0.0] * 2)
 
 
