@@ -426,8 +426,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Steering reversed: disarm, then change RUD_REVERSE",
         recovery="Steering no longer reversed",
         remedy="from shore: disarm, change `RUD_REVERSE` (0 to 1, or 1 to 0), arm again; if it was right before, "
-        "servo or compass was mounted the other way round. If the rudder angle is estimated, the rudder may be jammed to "
-        "one side instead: MANUAL to both sides shows it",
+        "servo or compass was mounted the other way round. If the rudder angle is estimated, the rudder may be jammed "
+        "to one side instead: MANUAL to both sides shows it",
     ),
     Fault.VESSEL_NEAR: FaultRow(
         condition="a vessel will pass closer than AIS_NEAR_M (AIS_STILL_M if it is stationary) within AIS_NEAR_S",
