@@ -4,7 +4,10 @@ import math
 
 import pytest
 
-from firmware_py.log.log_time import corrected_utc_s
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.log import schema
+from firmware_py.log.dataflash import header
+from firmware_py.log.log_time import corrected_utc_s, utc_offset_s
 
 NOON_S = 1_798_804_800.0
 
@@ -40,3 +43,24 @@ def test_correct_times_are_unchanged():
     rows = [*rows_of_run(NOON_S, 3), *rows_of_run(NOON_S + 1e4, 3, first_s=7.0, span_s=6.5)]
     assert correct(rows) == [utc_s for utc_s, _, _ in rows]
     assert corrected_utc_s([], [], []) == []
+
+
+def log_of_fixes(*fixes):
+    """Return a log with fixes at (t_s, utc_s)."""
+    samples = [PositionSample(t_s, FixType.FIX_3D, 0.5, 0.5, utc_s=utc_s) for t_s, utc_s in fixes]
+    return header(schema.TYPES, 0) + b"".join(schema.POSITION.pack(0.0, sample) for sample in samples)
+
+
+@pytest.mark.parametrize(
+    ("fixes", "offset_s"),
+    [
+        ([(5.0, NOON_S), (6.0, NOON_S + 9.0)], NOON_S - 5.0),
+        ([(1.0, None), (2.0, 1e9), (3.0, 4_102_444_800.0), (4.0, NOON_S)], NOON_S - 4.0),
+        ([(math.inf, NOON_S), (7.0, NOON_S)], NOON_S - 7.0),
+        ([(1.0, 1e9 + 1.0)], 1e9),
+        ([(1.0, None)], None),
+        ([], None),
+    ],
+)
+def test_offset_of_a_log_is_that_of_its_first_dated_fix(fixes, offset_s):
+    assert utc_offset_s(log_of_fixes(*fixes)) == offset_s

@@ -486,3 +486,19 @@ def test_a_queued_plan_is_not_replaced_by_the_previous_one(tmp_path):
     wait_for(store, lambda: results)
     store.close()
     assert (results, read_content(tmp_path, "a")) == ([True], b"new")
+
+
+@pytest.mark.parametrize("names", [("resume",), ("parameters", "resume")])
+def test_callbacks_come_when_the_records_are_on_disk(tmp_path, names):
+    store = Store(tmp_path, private=(SIGNING_FILE,))
+    state_directory, results = StateDirectory(store, pytest.fail), []
+    state_directory.save_resume(b"record")
+    if names == ("resume",):
+        state_directory.when_resume_stored(results.append)
+    else:
+        state_directory.save_parameters({"CTL_K1": 41.0})
+        state_directory.when_parameters_stored(results.append)
+    wait_for(store, lambda: results)
+    assert results == [True]
+    assert store.load(RESUME_FILE) == b"record"
+    store.close()
