@@ -9,7 +9,7 @@ import socket
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from firmware_py.assemble.devices import close_all, open_devices
+from firmware_py.assemble.devices import close_all, open_devices, open_lines
 from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import VehicleError, parse
@@ -214,3 +214,27 @@ def test_used_udp_port_is_opened_when_it_is_free():
     second.reopen(2.5)
     assert second.connected
     second.close()
+
+
+class FakeLine:
+    """A line whose port exists or not."""
+
+    def __init__(self, *, exists):
+        self.exists, self.is_open = exists, False
+
+    def open(self):
+        if not self.exists:
+            raise PortError("no such port")
+        self.is_open = True
+
+    def close(self):
+        self.is_open = False
+
+
+def test_missing_port_closes_the_others_unless_the_autopilot_waits_for_it():
+    lines = [FakeLine(exists=exists) for exists in (True, False, True)]
+    with pytest.raises(PortError, match="no such port"):
+        open_lines(lines, wait=False)
+    assert [line.is_open for line in lines] == [False, False, False]
+    open_lines(lines, wait=True)
+    assert [line.is_open for line in lines] == [True, False, True]
