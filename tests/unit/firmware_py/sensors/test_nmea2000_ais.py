@@ -61,8 +61,8 @@ def test_values_that_are_not_available_or_impossible(deliver, ais):
     ) * 4 + (15,)
     (report,) = deliver(ais, class_a(speed_m_s=52.8, turn_rad_s=0.22))
     assert (report.speed_m_s, report.turn_rad_s) == (None, None)
-    (report,) = deliver(ais, class_a(speed_m_s=52.6, turn_rad_s=0.2))
-    assert (report.speed_m_s, report.turn_rad_s) == (pytest.approx(52.6), pytest.approx(0.2, abs=2e-5))
+    (report,) = deliver(ais, class_a(speed_m_s=52.7, turn_rad_s=0.2))
+    assert (report.speed_m_s, report.turn_rad_s) == (pytest.approx(52.7), pytest.approx(0.2, abs=2e-5))
 
 
 @pytest.mark.parametrize("place", [(None, None), (91.0, 0.0), (0.0, 181.0)])
@@ -87,11 +87,23 @@ def test_static_data_of_class_a(deliver, ais):
 @pytest.mark.parametrize(
     ("sizes_m", "expected"),
     [((0.0, 0.0, 0.0, 0.0), None), ((10.0, 3.0, 4.0, 1.0), None), ((10.0, 3.0, 1.0, 11.0), None),
-     ((10.0, 3.0, 1.0, 10.0), (10, 0, 2, 1)), ((1023.0, 3.0, 1.0, 10.0), None), ((10.0, 127.0, 1.0, 10.0), None)],
+     ((10.0, 3.0, 1.0, 10.0), (10, 0, 2, 1)), ((1022.0, 126.0, 126.0, 1022.0), (1022, 0, 0, 126)),
+     ((0.0, 3.0, 1.0, 0.0), (0, 0, 2, 1)), ((10.0, 0.0, 0.0, 4.0), (4, 6, 0, 0)), ((None, 3.0, 1.0, 0.0), None),
+     ((10.0, None, 1.0, 0.0), None), ((10.0, 3.0, None, None), (0, 10, 3, 0)),
+     ((1023.0, 3.0, 1.0, 10.0), None), ((10.0, 127.0, 1.0, 10.0), None)],
 )  # fmt: skip
 def test_impossible_dimensions_are_unknown(deliver, ais, sizes_m, expected):
     (report,) = deliver(ais, message(129794, n2k.static_a(MMSI, "A", "", 0, sizes_m)))
     assert report.dimensions_m == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "call_sign", "ship_type", "sizes_m"),
+    [("A", "", 0, (0, 0, 0, 0)), ("", "B", 0, (0, 0, 0, 0)), ("", "", 70, (0, 0, 0, 0)), ("", "", 0, (9, 3, 1, 1))],
+)
+def test_static_data_with_one_value(deliver, ais, name, call_sign, ship_type, sizes_m):
+    (report,) = deliver(ais, message(129794, n2k.static_a(MMSI, name, call_sign, ship_type, sizes_m)))
+    assert (report.name, report.call_sign, report.ship_type) == (name, call_sign, ship_type)
 
 
 def test_static_data_of_class_b_are_merged(deliver, ais):

@@ -198,6 +198,13 @@ def test_backlog_is_read_up_to_a_limit_and_the_number_of_messages_is_limited(lin
     assert len(compass.poll()) == 50  # 500 a second
 
 
+def test_number_of_samples_between_two_polls_is_limited(line, compass):
+    for tenths in range(20):
+        line.inbox += heading(10.0) * 30
+        compass.receive(tenths / 10.0)
+    assert len(compass.poll()) == 512
+
+
 @pytest.mark.parametrize(("size", "reads"), [(2047, 1), (2048, 2)])
 def test_short_read_is_the_last_one(size, reads):
     pieces = [b"x" * size, b"x", b""]

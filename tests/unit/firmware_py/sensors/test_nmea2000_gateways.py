@@ -56,6 +56,37 @@ def test_one_damaged_byte_of_an_actisense_message_gives_none(position):
         assert ActisenseGateway(PGNS).feed(bytes(damaged), 0.0) == []
 
 
+@pytest.mark.parametrize(
+    ("stream", "expected"),
+    [(n2k.actisense_message(127488, 5, HEADING), True), (n2k.actisense_message(127250, 5, HEADING), True),
+     (n2k.actisense_message(127488, 5, HEADING).replace(b"\x3a", b"\x3b"), False), (b"noise", False)],
+)  # fmt: skip
+def test_any_valid_actisense_frame_shows_that_the_bus_is_running(stream, expected):
+    gateway = ActisenseGateway(PGNS)
+    gateway.feed(stream, 0.0)
+    assert gateway.has_frames is expected
+    gateway.feed(b"noise", 0.0)
+    assert gateway.has_frames is expected
+
+
+@pytest.mark.parametrize(
+    ("stream", "expected"),
+    [(n2k.raw_line(127488, 5, b"\0"), True), (n2k.raw_line(127488, 5, bytes(8), direction="T"), True),
+     (n2k.raw_line(127488, 5, bytes(9)), False), (b"noise\n", False)],
+)  # fmt: skip
+def test_any_line_shows_that_the_bus_is_running(stream, expected):
+    gateway = YachtDevicesGateway(joiner(), PGNS)
+    gateway.feed(stream, 0.0)
+    assert gateway.has_frames is expected
+
+
+def test_lines_of_the_lowest_pgn_without_a_destination():
+    gateway = YachtDevicesGateway(FrameJoiner({126992}, ()), (126992,))
+    lines = n2k.raw_line(126992, 1, HEADING) + n2k.raw_line(126993, 2, HEADING)
+    assert gateway.feed(lines, 0.0) == [Message(126992, 1, HEADING)]
+    assert gateway._line.search(n2k.raw_line(126993, 2, HEADING)) is None  # the search finds the selected PGNs only
+
+
 def test_damaged_actisense_message_is_counted_and_the_next_one_is_read():
     gateway = ActisenseGateway(PGNS)
     message = n2k.actisense_message(127250, 0x13, HEADING)

@@ -125,7 +125,8 @@ def test_frames_of_an_adapter():
         remote = can.Message(arbitration_id=0x09F11223, is_remote_frame=True, dlc=8)
         short = can.Message(arbitration_id=0x123, data=b"\x01", is_extended_id=False)
         flexible = can.Message(arbitration_id=0x123, data=bytes(12), is_fd=True)
-        for message in (HEADING, remote, flexible, short):
+        flexible_short = can.Message(arbitration_id=0x123, data=bytes(8), is_fd=True)
+        for message in (HEADING, remote, flexible, flexible_short, short):
             far.send(message)
         frames = line.read()
     assert without_padding(frames[:16]) == without_padding(build_can_frame(HEADING))
@@ -147,6 +148,15 @@ def test_adapter_that_fails_is_opened_again():
     line.reopen(9.0)
     assert line.openings == 2
     line.close()
+
+
+def test_descriptor_of_an_adapter():
+    line, closed = CanAdapterLine("can:slcan:/dev/ttyACM0"), []
+    assert line.fileno() == -1
+    line._bus = SimpleNamespace(fileno=lambda: 5, shutdown=lambda: closed.append(True))
+    assert line.fileno() == 5
+    line.close()
+    assert (line.fileno(), closed) == (-1, [True])
 
 
 def test_adapter_that_cannot_be_opened():
