@@ -1,5 +1,6 @@
 """Lines of a CAN bus: an interface of the kernel, and an adapter by python-can with its virtual bus as the far end."""
 
+import math
 import socket
 import sys
 from types import SimpleNamespace
@@ -8,10 +9,12 @@ import can
 import pytest
 from can.interfaces.socketcan.socketcan import build_can_frame
 
-from firmware_py.assemble.devices import create_line
+from firmware_py.assemble.devices import create_line, share_line
+from firmware_py.devices import SECTIONS
 from firmware_py.system import can_line as module
 from firmware_py.system.can_line import CanAdapterLine, CanLine, can_line
 from firmware_py.system.serial_port import PortError
+from hil.devices import nmea2000_frames as n2k
 
 HEADING = can.Message(arbitration_id=0x09F11223, data=bytes(range(8)), is_extended_id=True)
 
@@ -135,6 +138,25 @@ def test_frames_of_an_adapter():
     assert (line.connected, line.openings, line.fileno(), line.write(b"x"), line.read()) == (True, 1, -1, False, b"")
     line.close()
     assert (line.connected, line.read()) == (False, b"")
+
+
+def test_compass_and_position_of_an_adapter():
+    line = create_line("can:virtual:bus", 38400)
+    line.open()
+    views = share_line(line, 2)
+    devices = [SECTIONS[section]["nmea2000"] for section in ("compass", "position")]
+    compass, position = (driver.make(view, driver.options()) for driver, view in zip(devices, views, strict=True))
+    with can.Bus(interface="virtual", channel="bus") as far:
+        frames = [(127250, frame) for frame in (n2k.heading(1.0, n2k.TRUE),)]
+        frames += [(129029, frame) for frame in n2k.frames(n2k.gnss_position(50.0, -3.0, 1.6e9), 2)]
+        for pgn, frame in frames:
+            far.send(can.Message(arbitration_id=n2k.identifier(pgn, 0x23), data=frame, is_extended_id=True))
+        compass.receive(1.0)
+        position.receive(1.0)
+        assert far.recv(0.0) is None  # nothing was transmitted
+    assert [sample.heading_rad for sample in compass.poll()] == [1.0]
+    assert [round(math.degrees(fix.latitude_rad), 9) for fix in position.poll()] == [50.0]
+    line.close()
 
 
 def test_adapter_that_fails_is_opened_again():
