@@ -271,7 +271,7 @@ def talk(verdict):
 SESSIONS = {
     **{
         f"voyage_{name}": lambda name=name: watch_voyage(name)
-        for name in ("mission", "device_faults", "traffic", "strong_current")
+        for name in ("mission", "device_faults", "traffic", "strong_current", "sparse_devices")
     },
     "dialogue_accepted": lambda: talk(Verdict.ACCEPTED),
     "dialogue_refused": lambda: talk(Verdict.TEMPORARILY_REJECTED),

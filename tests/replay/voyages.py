@@ -33,7 +33,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plan, PlanKind, Plans
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
@@ -53,7 +53,7 @@ from firmware_py.core.state_codec import state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.recorder import LogRecorder
 from replay.relog import UTC_S, recompute_log
-from support.plans import FENCE_ITEMS, item, placed
+from support.plans import EARTH_M, FENCE_ITEMS, item, placed
 
 VOYAGES = Path(__file__).parent / "data" / "voyages"
 STEP_S = 0.5
@@ -96,6 +96,9 @@ class Boat:
         self.torque_on = True
         self.has_power, self.charge, self.battery_v = True, 0.8, 12.9
         self.ships = []  # functions of the time that return reports
+        self.origin_rad = None  # another place than that of the plans
+        self.variations_rad, self.has_details = (0.01, None), True  # of the headings; their other values
+        self.has_velocity = self.has_angle = True
         self.skipped = 0
 
     @property
@@ -113,16 +116,16 @@ class Boat:
             if source == 0 and self.frozen_rad is not None:
                 heading_rad = self.frozen_rad
             if is_on:
-                yield HeadingSample(
-                    self.t_s,
-                    heading_rad,
-                    self.reference,
-                    None if source else 0.01,
-                    None if source else self.rate_rad_s,
+                details = (
+                    self.rate_rad_s if source == 0 else None,
                     self.wave(0.1, 1.0),
                     self.wave(0.05, 2.0),
                     18.0 + source,
-                    source,
+                )
+                if not self.has_details:
+                    details = (None,) * 4
+                yield HeadingSample(
+                    self.t_s, heading_rad, self.reference, self.variations_rad[source], *details, source
                 )
 
     def positions(self):
@@ -136,17 +139,18 @@ class Boat:
         v_east += self.chances.gauss(0.0, 0.03)
         north_m = self.north_m + self.jump_m[0] + self.chances.gauss(0.0, 1.0)
         east_m = self.east_m + self.jump_m[1] + self.chances.gauss(0.0, 1.0)
-        yield PositionSample(
-            self.t_s,
-            self.fix_kind,
-            *placed(north_m, east_m),
-            2.0 + self.wave(0.3),
-            math.hypot(v_north, v_east),
-            math.atan2(v_east, v_north) % math.tau,
-            11,
-            0.9,
-            UTC_S + self.t_s,
-        )
+        values = (2.0 + self.wave(0.3), math.hypot(v_north, v_east), math.atan2(v_east, v_north) % math.tau, 11, 0.9)
+        if not self.has_velocity:
+            values = (None,) * 5
+        utc_s = UTC_S + self.t_s if self.has_velocity else None
+        yield PositionSample(self.t_s, self.fix_kind, *self.place(north_m, east_m), *values, utc_s)
+
+    def place(self, north_m, east_m):
+        if self.origin_rad is None:
+            return placed(north_m, east_m)
+        latitude_rad = self.origin_rad[0] + north_m / EARTH_M
+        longitude_rad = self.origin_rad[1] + east_m / (EARTH_M * math.cos(self.origin_rad[0]))
+        return latitude_rad, (longitude_rad + math.pi) % math.tau - math.pi
 
     def velocity_m_s(self):
         return (
@@ -159,8 +163,8 @@ class Boat:
             shaft_rad = round(self.rudder_rad * 4096.0 / math.tau) * math.tau / 4096.0
             yield RudderFeedback(
                 self.t_s,
-                shaft_rad,
-                self.servo_c,
+                shaft_rad if self.has_angle else None,
+                self.servo_c if self.has_angle else None,
                 self.servo_v,
                 self.servo_a,
                 self.servo_error,
@@ -489,7 +493,54 @@ def sail_in_a_strong_current(folder):
     return boat
 
 
+def sail_with_sparse_devices(folder):
+    """Near the date line: stated variations, fixes without velocity, a servo without angle, one compass or none."""
+    boat = Boat(
+        folder, 6, CMP_DECL_DEG=-6.0, CMP_TIMEOUT_S=2.0, POS_TIMEOUT_S=8.0, EST_TAU_S=2.0, COG_SPEED_MIN=0.2,
+        LOIT_RADIUS=30.0,        RUD_REVERSE=1, BAT_LOW_VOLT=11.0, CTL_PRICE=0.5, FS_POS_ACT=2, FS_FENCE_ACT=3, FENCE_ENABLE=1,
+    )  # fmt: skip
+    boat.speed_m_s = 0.8
+    boat.origin_rad, boat.variations_rad = (
+        (math.radians(-50.0), math.pi - 1e-5),
+        (math.radians(-8.0), None),
+        0.8,
+    )
+    boat.compasses = [True, False]
+    boat.run(6.0)
+    boat.tick(Arm(armed=True), SetMode(Mode.STEERING), SteerHeading(math.radians(90.0)))
+    boat.effect = -1.0  # a reversed shaft
+    boat.run(60.0)
+    for variation_rad in (0.0, None, math.radians(30.0)):
+        boat.variations_rad = (variation_rad, 0.0)
+        boat.run(15.0)
+    boat.has_details = False
+    boat.tick(SetHome(*boat.place(0.0, 30.0)), SetMode(Mode.RTL))
+    boat.run(80.0)
+    boat.has_velocity = False
+    boat.run(40.0)
+    boat.compasses = [False, False]
+    boat.run(40.0)
+    boat.compasses, boat.has_velocity = [True, True], True
+    boat.has_angle = False
+    boat.tick(SteerPosition(*boat.place(40.0, -60.0), change_mode=True))
+    boat.run(90.0)
+    boat.has_angle, boat.has_fix = True, False
+    boat.run(40.0)
+    boat.has_fix = True
+    circle = PlanItem(
+        5003, 3, True, (150.0, 0.0, 0.0, 0.0), *(round(math.degrees(a) * 1e7) for a in boat.place(0.0, 0.0))
+    )
+    boat.tick(ReplacePlan(plan(PlanKind.FENCE, circle)), SetMode(Mode.LOITER))
+    boat.run(40.0)
+    boat.tick(SteerHeading(math.radians(300.0), over_ground=True, change_mode=True))
+    boat.run(250.0)
+    boat.tick(SteerHeading(math.radians(-170.0), relative=True, turn=-1))
+    boat.run(60.0)
+    return boat
+
+
 SCRIPTS = {
+    "sparse_devices": sail_with_sparse_devices,
     "mission": sail_mission,
     "device_faults": sail_with_device_faults,
     "traffic": sail_in_traffic,
