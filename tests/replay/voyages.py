@@ -497,14 +497,11 @@ def sail_with_sparse_devices(folder):
     """Near the date line: stated variations, fixes without velocity, a servo without angle, one compass or none."""
     boat = Boat(
         folder, 6, CMP_DECL_DEG=-6.0, CMP_TIMEOUT_S=2.0, POS_TIMEOUT_S=8.0, EST_TAU_S=2.0, COG_SPEED_MIN=0.2,
-        LOIT_RADIUS=30.0,        RUD_REVERSE=1, BAT_LOW_VOLT=11.0, CTL_PRICE=0.5, FS_POS_ACT=2, FS_FENCE_ACT=3, FENCE_ENABLE=1,
+        LOIT_RADIUS=30.0, RUD_REVERSE=1, BAT_LOW_VOLT=11.0, CTL_PRICE=0.5, FS_POS_ACT=2, FS_FENCE_ACT=3,
+        FENCE_ENABLE=1,
     )  # fmt: skip
-    boat.speed_m_s = 0.8
-    boat.origin_rad, boat.variations_rad = (
-        (math.radians(-50.0), math.pi - 1e-5),
-        (math.radians(-8.0), None),
-        0.8,
-    )
+    boat.speed_m_s, boat.variations_rad = 0.8, (math.radians(-8.0), None)
+    boat.origin_rad = (math.radians(-50.0), math.pi - 1e-5)
     boat.compasses = [True, False]
     boat.run(6.0)
     boat.tick(Arm(armed=True), SetMode(Mode.STEERING), SteerHeading(math.radians(90.0)))
