@@ -42,7 +42,8 @@ def test_proposal_is_printed_and_saved_as_parameter_file(calibrate, tmp_path):
     path = tmp_path / "deviation.parm"
     code, text = calibrate("--save", str(path))
     assert code == 0
-    assert all(part in text for part in ("CMP_DEV_A      0.00", "leeway", "alignment: CMP_OFFSET_DEG "))
+    parts = ("CMP_DEV_A      0.00", "leeway", "alignment: CMP_OFFSET_DEG ", "rms residual ")
+    assert all(part in text for part in parts)
     assert list(parse_file(path.read_text(), "-")) == list(NAMES)
 
 

@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.files.packed import PackedFile, complete_members, open_log, pack_block, pack_index, packed_path
+from firmware_py.files.packed import (
+    PackedFile,
+    PlainFile,
+    complete_members,
+    open_log,
+    pack_block,
+    pack_index,
+    packed_path,
+)
 
 BLOCK_BYTES = 1 << 16
 
@@ -117,3 +125,13 @@ def test_compressed_log_is_found_by_its_original_name(tmp_path):
     file = open_log(path)
     assert (file.size, file.read(1, 9)) == (4, b"bcd")
     file.close()
+
+
+def test_closed_file_has_closed_its_descriptor(tmp_path):
+    packed = open_packed(tmp_path / "log.BIN.gz", pack(b"content"))
+    for opened in (packed, PlainFile(os.open(__file__, os.O_RDONLY))):
+        descriptor = opened._descriptor
+        opened.close()
+        opened.close()
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(descriptor)

@@ -7,7 +7,9 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import CalibrationState
+from firmware_py.common.reports import SwingReport
 from firmware_py.estimate.deviation import NAMES
+from firmware_py.link.telemetry.status import swing_report_message
 from support.link import of_type, results
 from support.swing import voyage
 
@@ -151,3 +153,12 @@ def test_proposal_out_of_range_sets_nothing(proposed, texts):
 def test_preflight_calibration_starts_a_swing_without_own_calibration(under_way):
     assert results(under_way.command(241, 0, 1)) == [ACCEPTED]
     assert under_way.request_handler.compass_swing.is_running
+
+
+@pytest.mark.parametrize(
+    ("values", "fitness_deg"),
+    [({"sd_rad": 0.01, "residual_after_rad": 0.02}, 0.02), ({"sd_rad": 0.01}, 0.01), ({}, 0.0)],
+)
+def test_fitness_is_the_residual_or_the_standard_deviation(values, fitness_deg):
+    report = swing_report_message(SwingReport(CalibrationState.DONE, **values), is_saved=True)
+    assert (report.fitness, report.autosaved) == (pytest.approx(math.degrees(fitness_deg)), 1)

@@ -7,6 +7,7 @@ import threading
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
@@ -136,3 +137,13 @@ def test_worker_thread_encodes_and_validates_plans(stored, station, monkeypatch)
     finally:
         rig.endpoint.close()
     assert is_main_thread == [False] * 3
+
+
+@pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
+def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, station, texts, reason, text):
+    client = ftp_station(station.rig)
+    station.handler.answer = Answer(Verdict.DENIED, reason)
+    client.ask(CREATE, MISSION)
+    client.ask(WRITE, encode(station.mission(3)))
+    replies = station.rig.tell(client.request(TERMINATE))
+    assert [text for text in texts(replies) if text.startswith("@MISSION")] == [f"@MISSION/mission.dat: {text}"]
