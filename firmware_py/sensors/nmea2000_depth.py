@@ -47,10 +47,10 @@ class Nmea2000Depth(Nmea2000Device[DepthSample]):
     def _handle_message(self, message: Message, now_s: float) -> None:
         values = numbers_of(message)
         depth_m, offset_m = values["depth_m"], values["offset_m"]
-        if not self._is_used(message, now_s):
-            return
         if depth_m is not None:
             check_range(depth_m, 0.0, MAX_DEPTH_M, "depth_m")
+        if not (self._is_used(message, now_s) if depth_m else self._is_reported(message)):
+            return
         self._monitor.accept(now_s)
         if not depth_m:
             self._monitor.note("no bottom")

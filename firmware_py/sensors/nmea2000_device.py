@@ -79,6 +79,14 @@ class Nmea2000Device(Generic[SampleT]):
             self._forget(now_s)
         return True
 
+    def _is_reported(self, message: Message) -> bool:
+        """Return whether a message without a valid value is reported: of the selected device, or before there is one.
+
+        Such a message does not select its device or keep it selected, because another device may have a value.
+        """
+        address = self._selection.address
+        return message.source == address or (address is None and self._selection.is_candidate(message.source))
+
     def _handle_message(self, message: Message, now_s: float) -> None:
         """Process a message; may raise MessageError."""
         raise NotImplementedError

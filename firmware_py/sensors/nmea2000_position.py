@@ -43,7 +43,8 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
 
     PGN 129029 states how the position was measured. A receiver that does not send it gives one sample per PGN 129025
     instead, as a fix without altitude, with the time of PGN 126992. Every position
-    message of the device counts as accepted, also one without a fix.
+    message of the device counts as accepted, also one without a fix. A device without a fix for SOURCE_TIMEOUT_S is
+    replaced by another one that has a fix.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000Options) -> None:
@@ -67,14 +68,27 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
             if message.source == self._selection.address:
                 self._note_values(pgn, values, now_s)
             return
-        if not self._is_used(message, now_s):
+        is_gnss, is_selected = pgn == GNSS_POSITION, message.source == self._selection.address
+        if is_selected and is_gnss:
+            self._gnss_s = now_s
+        elif is_selected and now_s - self._gnss_s <= GNSS_TIMEOUT_S:
+            return
+        fix = _FIXES.get(values["method"], FixType.NONE) if is_gnss else FixType.FIX_2D
+        utc_s = utc_of(values) if is_gnss else None
+        reason = _find_fault(values, fix)
+        if not reason and is_selected and self._is_time_frozen(utc_s, now_s):
+            reason = "time not advancing: no fix"
+        if not (self._is_reported(message) if reason else self._is_used(message, now_s)):
             return
         self._monitor.accept(now_s)
-        if pgn == GNSS_POSITION:
-            self._gnss_s = now_s
-            self._append(values, _FIXES.get(values["method"], FixType.NONE), now_s)
-        elif now_s - self._gnss_s > GNSS_TIMEOUT_S:
-            self._append(values, FixType.FIX_2D, now_s)
+        self._monitor.note(reason)
+        if reason:
+            satellites = _to_int(values.get("number_of_svs"))
+            self._samples.append(PositionSample(now_s, FixType.NONE, satellites=satellites))
+        elif is_gnss or is_selected:
+            if not is_selected:
+                self._is_time_frozen(utc_s, now_s)  # the first time of the device
+            self._append(values, fix, utc_s, now_s)
 
     def _note_values(self, pgn: int, values: Values, now_s: float) -> None:
         """Store course and speed, or the time."""
@@ -90,25 +104,9 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
                 speed_m_s if speed_m_s is not None and speed_m_s <= MAX_SPEED_M_S else None,
             )
 
-    def _append(self, values: Values, fix: FixType, now_s: float) -> None:
-        """Append the sample of a position, or the report that there is none."""
-        latitude_deg, longitude_deg = values["latitude_deg"], values["longitude_deg"]
-        satellites = values.get("number_of_svs")
-        utc_s = utc_of(values) if "date_days" in values else None
-        if fix is FixType.NONE or latitude_deg is None or longitude_deg is None:
-            reason = "no fix"
-        elif not is_possible_position(radians(latitude_deg), radians(longitude_deg)):
-            reason = "position invalid: no fix"
-        elif values.get("integrity") == _UNSAFE:
-            reason = "integrity unsafe: no fix"
-        elif self._is_time_frozen(utc_s, now_s):
-            reason = "time not advancing: no fix"
-        else:
-            reason = ""
-        self._monitor.note(reason)
-        if reason or latitude_deg is None or longitude_deg is None:
-            self._samples.append(PositionSample(now_s, FixType.NONE, satellites=_to_int(satellites)))
-            return
+    def _append(self, values: Values, fix: FixType, utc_s: float | None, now_s: float) -> None:
+        """Append the sample of a valid position."""
+        latitude_deg, longitude_deg = values["latitude_deg"] or 0.0, values["longitude_deg"] or 0.0
         altitude_m, hdop = values.get("altitude_m"), values.get("hdop")
         if altitude_m is not None and not MIN_ALTITUDE_M <= altitude_m <= MAX_ALTITUDE_M:
             altitude_m = None
@@ -123,7 +121,7 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
                 altitude_m=altitude_m,
                 speed_over_ground_m_s=speed_m_s if has_course else None,
                 course_over_ground_rad=course_rad if has_course else None,
-                satellites=_to_int(satellites),
+                satellites=_to_int(values.get("number_of_svs")),
                 hdop=hdop if hdop is not None and hdop >= 0.0 else None,
                 utc_s=self._system_utc_s(now_s) if utc_s is None else utc_s,
             )
@@ -142,6 +140,16 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
         if self._last_utc is None or self._last_utc[0] != utc_s:
             self._last_utc = (utc_s, now_s)
         return now_s - self._last_utc[1] > MAX_REPEATED_TIME_S
+
+
+def _find_fault(values: Values, fix: FixType) -> str:
+    """Return why a message has no valid position, empty if it has one."""
+    latitude_deg, longitude_deg = values["latitude_deg"], values["longitude_deg"]
+    if fix is FixType.NONE or latitude_deg is None or longitude_deg is None:
+        return "no fix"
+    if not is_possible_position(radians(latitude_deg), radians(longitude_deg)):
+        return "position invalid: no fix"
+    return "integrity unsafe: no fix" if values.get("integrity") == _UNSAFE else ""
 
 
 def utc_of(values: Values) -> float | None:

@@ -52,7 +52,7 @@ class Nmea2000Wind(Nmea2000Device[WindSample]):
         number = values["reference"]
         reference = None if number is None else _REFERENCES.get(int(number))
         if reference is None or wind_m_s is None or angle_rad is None:
-            if message.source == self._selection.address:
+            if self._is_reported(message):
                 self._monitor.accept(now_s)
                 self._monitor.note("no wind from the device")
             return

@@ -134,7 +134,7 @@ def test_wind_that_is_not_available(deliver, make, speed_m_s, angle_deg, referen
     assert deliver(sensor, wind(speed_m_s, angle_deg, reference)) == ()
     deliver(sensor, wind(1.0, 1.0))
     assert deliver(sensor, wind(speed_m_s, angle_deg, reference), now_s=1.1) == ()
-    assert (sensor.health(1.1).text, sensor.health(1.1).accepted) == ("no wind from the device", 2)
+    assert (sensor.health(1.1).text, sensor.health(1.1).accepted) == ("no wind from the device", 3)
 
 
 def test_impossible_wind_is_rejected(deliver, make):
@@ -177,6 +177,14 @@ def test_sounder_that_has_lost_the_bottom(deliver, make, depth_m):
     assert (sensor.health(1.0).state, sensor.health(1.0).text) == (DeviceState.RUNNING, "no bottom")
     assert len(deliver(sensor, depth(3.0))) == 1
     assert sensor.health(1.0).text == ""
+
+
+def test_sounder_with_a_bottom_replaces_one_without(deliver, make):
+    sensor = make("depth")
+    deliver(sensor, depth(None))
+    assert [sample.depth_m for sample in deliver(sensor, depth(9.0, source=0x51), depth(None), now_s=1.0)] == [9.0]
+    assert deliver(sensor, depth(None, source=0x51), depth(3.0), now_s=6.0) == ()
+    assert len(deliver(sensor, depth(None, source=0x51), depth(3.0), now_s=6.1)) == 1
 
 
 def test_impossible_depth_is_rejected(deliver, make):

@@ -153,6 +153,24 @@ def test_second_receiver_is_not_mixed_and_takes_over_after_silence(deliver, rece
     assert (math.degrees(fix.latitude_rad), fix.speed_over_ground_m_s) == (pytest.approx(51.0), None)
 
 
+def test_receiver_with_a_fix_replaces_one_without(deliver, receiver):
+    place = {"place": (51.0, -4.0), "source": 0x15}
+    assert [fix.fix for fix in deliver(receiver, gnss(method=0, satellites=2), now_s=0.5)] == [FixType.NONE]
+    assert (receiver.health(0.5).state, receiver.health(0.5).text) == (DeviceState.RUNNING, "no fix")
+    assert [fix.fix for fix in deliver(receiver, gnss(**place), gnss(method=0), now_s=1.0)] == [FixType.FIX_3D]
+    assert deliver(receiver, gnss(utc_s=UTC_S + 2.0), now_s=2.0) == ()  # a fix, but the other one is selected
+    lost = deliver(receiver, gnss(method=0, **place), gnss(utc_s=UTC_S + 5.0), now_s=6.0)
+    assert [fix.fix for fix in lost] == [FixType.NONE]
+    (lost, fix) = deliver(receiver, gnss(method=0, **place), gnss(utc_s=UTC_S + 6.0), now_s=6.1)
+    assert (lost.fix, fix.fix, math.degrees(fix.latitude_rad)) == (FixType.NONE, FixType.FIX_3D, pytest.approx(50.25))
+
+
+def test_message_without_a_fix_of_another_than_the_configured_receiver_is_not_reported(line, deliver):
+    receiver = Nmea2000Position(line, Nmea2000Options(source=0x15))
+    assert deliver(receiver, gnss(method=0)) == ()
+    assert len(deliver(receiver, gnss(method=0, source=0x15))) == 1
+
+
 def test_reopened_line_forgets_the_receiver(line, deliver, receiver):
     deliver(receiver, gnss(), course(1.0, 1.0), now_s=1.0)
     line.openings += 1
