@@ -143,6 +143,7 @@ def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
     )
     vehicle = Vehicle(**{"position": None} | values)
     _check_north(vehicle.compass, path)
+    _check_ports(vehicle, path)
     return vehicle
 
 
@@ -153,6 +154,42 @@ def _check_north(compass: DeviceEntry, path: Path) -> None:
             f"{path}: [compass] driver {compass.driver} knows no north, and its heading drifts; put it into"
             " [compass_b], where its yaw rate is used, and a compass with north into [compass]"
         )
+
+
+def _check_ports(vehicle: Vehicle, path: Path) -> None:
+    """Raise VehicleError for sections that name the same port but cannot share it."""
+    problems: list[str] = []
+    users: dict[str, str] = {}  # first section of each port
+    for name in SECTIONS:
+        entry: DeviceEntry | None = getattr(vehicle, name)
+        if entry is None:
+            continue
+        first = users.setdefault(entry.port, name)
+        if first != name and (problem := _sharing_problem(first, getattr(vehicle, first), name, entry)):
+            problems.append(f"{path}: [{name}] {problem}")
+    for url in vehicle.link_urls:
+        parts = url.split("?")[0].removeprefix("nmea:").split(":")
+        if parts[0] in ("serial", "sbd") and parts[1:] and (user := users.get(parts[1])):
+            problems.append(f"{path}: [link] {url}: {parts[1]} is the port of [{user}]; name another port")
+    _raise_problems(problems)
+
+
+def _sharing_problem(first: str, one: DeviceEntry, name: str, other: DeviceEntry) -> str:
+    """Return why section `name` cannot share the port of section `first`, empty if it can."""
+    if alone := next((section for section in (first, name) if section in ("rudder", "power_b")), ""):
+        return f"port: {other.port} is the port of [{first}]; [{alone}] needs a port of its own"
+    if one.baud != other.baud and not other.port.startswith(NETWORK):
+        return f"baud: {other.baud} is not the {one.baud} of [{first}] on the same port; correct one of them"
+    if one.driver != other.driver:
+        kinds = (SECTIONS[first], one.driver), (SECTIONS[name], other.driver)
+        if all(driver in drivers.own for drivers, driver in kinds) and any(drivers[d].writes for drivers, d in kinds):
+            return (
+                f"driver: {other.driver} cannot share {other.port} with driver {one.driver} of [{first}];"
+                " name another port"
+            )
+    elif (first, name) == ("compass", "compass_b") and one.options == other.options:
+        return "reads the same device as [compass]; name another port, or options that select another device"
+    return ""
 
 
 def _read_all(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
@@ -243,8 +280,17 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
     if not port.startswith(found.port) or (port.startswith(PWM) and not found.port and not found.problem):
         example = PWM_EXAMPLE if found.port == PWM else "a serial port"
         raise VehicleError(f"{location} port: driver {driver} needs {example}")
+    if port.startswith("can:") and not (found.writes or found.reads_can or found.problem):
+        drivers_of_can = ", ".join(row for row in drivers.own if drivers[row].reads_can)
+        remedy = f"use driver {drivers_of_can}" if drivers_of_can else "it needs a serial port"
+        raise VehicleError(f"{location} port: driver {driver} reads no CAN bus; {remedy}")
     if by_network and found.writes:
         raise VehicleError(f"{location} port: driver {driver} writes to its device and needs a serial port")
+    if section.get("port") and "baud" not in section and not port.startswith(("/", PWM, *NETWORK)):
+        raise VehicleError(
+            f"{location} port: {port[:_MAX_CHARACTERS]!r} is neither the path of a serial port nor one of udp:PORT,"
+            " tcp:ADDRESS:PORT, can:INTERFACE"
+        )
     _, values = _read_all(
         {
             "names": lambda: _check_options(own, driver, names, location),

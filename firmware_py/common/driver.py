@@ -32,7 +32,8 @@ class Driver(Generic[DeviceT]):
     read from the network. A compass without north (`has_north` False) measures turns only (NorthReference.RELATIVE) and
     is refused as the first compass. `calibrator` returns the calibrator of a device, None if it has none; `capture` is
     the format for `rambler decode`. `port` is the prefix of the port of a driver that needs another kind of line, such
-    as `pwm:`. `problem` is why the driver of an installed package cannot be used, set by the registry.
+    as `pwm:`. A driver that reads the frames of system/can_line.py, and so accepts `can:`, has `reads_can`. `problem`
+    is why the driver of an installed package cannot be used, set by the registry.
     """
 
     interface: int
@@ -44,4 +45,5 @@ class Driver(Generic[DeviceT]):
     calibrator: Callable[[Any], Calibrator] | None = None
     capture: CaptureFormat | None = None
     port: str = ""
+    reads_can: bool = False
     problem: str = ""

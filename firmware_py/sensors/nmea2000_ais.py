@@ -163,4 +163,5 @@ DRIVER = Driver(
     device="AIS on an NMEA 2000 bus (PGN 129038, 129039, 129794, 129809, 129810), by a gateway or SocketCAN",
     options=Nmea2000AisOptions,
     make=Nmea2000Ais,
+    reads_can=True,
 )

@@ -94,5 +94,6 @@ DRIVER = Driver(
     device="compasses on an NMEA 2000 bus (PGN 127250, 127251, 127257), by a gateway or SocketCAN",
     options=Nmea2000Options,
     make=Nmea2000Compass,
+    reads_can=True,
     capture=CAPTURE_FORMAT,
 )

@@ -65,4 +65,5 @@ DRIVER = Driver(
     device="echo sounders on an NMEA 2000 bus (PGN 128267), by a gateway or SocketCAN",
     options=Nmea2000DepthOptions,
     make=Nmea2000Depth,
+    reads_can=True,
 )

@@ -170,4 +170,5 @@ DRIVER = Driver(
     device="GNSS receivers on an NMEA 2000 bus (PGN 129029, 129025, 129026, 126992), by a gateway or SocketCAN",
     options=Nmea2000Options,
     make=Nmea2000Position,
+    reads_can=True,
 )

@@ -87,4 +87,5 @@ DRIVER = Driver(
     device="rudder angle sensors on an NMEA 2000 bus (PGN 127245), by a gateway or SocketCAN",
     options=Nmea2000RudderOptions,
     make=Nmea2000Rudder,
+    reads_can=True,
 )

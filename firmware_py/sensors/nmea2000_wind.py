@@ -74,4 +74,5 @@ DRIVER = Driver(
     device="wind sensors on an NMEA 2000 bus (PGN 130306), by a gateway or SocketCAN",
     options=Nmea2000WindOptions,
     make=Nmea2000Wind,
+    reads_can=True,
 )

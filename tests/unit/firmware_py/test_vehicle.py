@@ -244,3 +244,109 @@ def test_pwm_output_needs_no_baud_rate_and_the_rudder_angle_sensor_may_share_a_p
     assert (vehicle.rudder.port, vehicle.rudder.options.centre_us) == ("pwm:/sys/class/pwm/pwmchip0/1", 1480.0)
     assert vehicle.rudder_angle is not None
     assert vehicle.rudder_angle.options.offset_deg == -2.0
+
+
+def boat(**sections: str) -> str:
+    """Return a vehicle file of an NMEA compass on /dev/c, a servo on /dev/r, and these sections."""
+    texts = {
+        "compass": 'driver = "nmea"\nport = "/dev/c"\nbaud = 4800\n',
+        "rudder": 'driver = "volz"\nport = "/dev/r"\nbaud = 115200\n',
+    }
+    return "".join(f"[{name}]\n{text}\n" for name, text in (texts | sections).items())
+
+
+NMEA2000 = 'driver = "nmea2000"\nport = "/dev/c"\nbaud = 115200\n'
+
+
+@pytest.mark.parametrize(
+    ("sections", "expected"),
+    [
+        (
+            {"rudder": 'driver = "volz"\nport = "/dev/c"\nbaud = 4800'},
+            "[rudder] port: /dev/c is the port of [compass]; [rudder] needs a port of its own",
+        ),
+        (
+            {"rudder_angle": 'driver = "nmea"\nport = "/dev/r"\nbaud = 115200'},
+            "[rudder_angle] port: /dev/r is the port of [rudder]; [rudder] needs a port of its own",
+        ),
+        (
+            {"power_b": 'driver = "vedirect"\nport = "/dev/c"\nbaud = 4800'},
+            "[power_b] port: /dev/c is the port of [compass]; [power_b] needs a port of its own",
+        ),
+        (
+            {"wind": 'driver = "nmea"\nport = "/dev/c"\nbaud = 38400'},
+            "[wind] baud: 38400 is not the 4800 of [compass] on the same port; correct one of them",
+        ),
+        (
+            {"compass": NMEA2000.replace("nmea2000", "witmotion"), "wind": NMEA2000.replace("nmea2000", "nmea")},
+            "[wind] driver: nmea cannot share /dev/c with driver witmotion of [compass]; name another port",
+        ),
+        (
+            {"power": 'driver = "mavlink"\nport = "/dev/c"\nbaud = 4800'},
+            "[power] driver: mavlink cannot share /dev/c with driver nmea of [compass]; name another port",
+        ),
+        (
+            {"compass": NMEA2000, "compass_b": NMEA2000},
+            "[compass_b] reads the same device as [compass]; name another port, or options that select another device",
+        ),
+        (
+            {"link": 'urls = ["serial:/dev/r:57600?signed=yes"]'},
+            "[link] serial:/dev/r:57600?signed=yes: /dev/r is the port of [rudder]; name another port",
+        ),
+        ({"link": 'urls = ["sbd:/dev/c"]'}, "[link] sbd:/dev/c: /dev/c is the port of [compass]; name another port"),
+        (
+            {"link": 'urls = ["nmea:serial:/dev/c:4800"]'},
+            "[link] nmea:serial:/dev/c:4800: /dev/c is the port of [compass]; name another port",
+        ),
+    ],
+)
+def test_sections_that_cannot_share_a_port_are_refused(write, sections, expected):
+    path = write(boat(**sections))
+    with pytest.raises(VehicleError) as raised:
+        load(path)
+    assert str(raised.value) == f"{path}: {expected}"
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {"compass": NMEA2000 + "source = 0x23\n", "compass_b": NMEA2000 + "source = 0x24\n", "wind": NMEA2000},
+        {
+            "position": 'driver = "ubx"\nport = "/dev/c"\nbaud = 4800',
+            "power": 'driver = "vedirect"\nport = "/dev/p"\nbaud = 19200',
+        },
+        {"compass": 'driver = "nmea"\nport = "udp:1000"', "wind": 'driver = "nmea"\nport = "udp:1000"\nbaud = 4800'},
+        {
+            "power": 'driver = "vedirect"\nport = "/dev/p"\nbaud = 19200',
+            "power_b": 'driver = "vedirect"\nport = "/dev/q"\nbaud = 19200',
+        },
+        {"link": 'urls = ["serial:/dev/s:57600", "udpout:/dev/c:14550", "nmea:serial:/dev/t:4800", "serial"]'},
+    ],
+)
+def test_sections_that_can_share_a_port_and_those_on_other_ports_are_accepted(write, sections):
+    load(write(boat(**sections)))
+
+
+@pytest.mark.parametrize(
+    ("section", "text", "expected"),
+    [
+        ("wind", 'driver = "nmea"\nport = "can:can0"', "driver nmea reads no CAN bus; use driver nmea2000"),
+        ("power", 'driver = "vedirect"\nport = "can:can0"', "driver vedirect reads no CAN bus; it needs a serial port"),
+        (
+            "wind",
+            'driver = "nmea2000"\nport = "can0"',
+            "'can0' is neither the path of a serial port nor one of udp:PORT,",
+        ),
+        ("wind", 'driver = "nmea"\nport = "udpin:0.0.0.0:99"', "'udpin:0.0.0.0:99' is neither the path of a serial"),
+    ],
+)
+def test_port_of_the_wrong_kind_names_the_right_one(write, section, text, expected):
+    path = write(boat(**{section: text}))
+    with pytest.raises(VehicleError) as raised:
+        load(path)
+    assert str(raised.value).startswith(f"{path}: [{section}] port: {expected}")
+
+
+@pytest.mark.parametrize("section", ["compass", "compass_b", "position", "rudder_angle", "ais", "wind", "depth"])
+def test_devices_of_nmea_2000_may_have_a_can_port(write, section):
+    assert load(write(boat(**{section: 'driver = "nmea2000"\nport = "can:can0"'})))
