@@ -113,7 +113,7 @@ def test_yaw_rate_and_temperature_of_the_same_cycle(compass, exchange):
     assert sample.temperature_c == 21.5
     exchange(compass, 0.29, angle())
     assert compass.poll()[0].yaw_rate_rad_s is not None
-    exchange(compass, 0.31, angle())
+    exchange(compass, 0.303, angle())
     assert compass.poll()[0].yaw_rate_rad_s is None
 
 
@@ -180,6 +180,19 @@ def test_option_omits_the_question_and_writes_nothing(line, exchange):
     assert len(compass.poll()) == 300
 
 
+def test_first_packet_after_the_start_is_not_used(line, exchange):
+    compass = WitmotionCompass(line, WitmotionOptions(algorithm="nine_axis"))
+    exchange(compass, 0.0, angle())
+    assert compass.poll() == ()
+    exchange(compass, 0.1, angle())
+    assert len(compass.poll()) == 1
+    line.unplug()
+    compass.receive(0.2)
+    line.plug()
+    exchange(compass, 0.3, angle())
+    assert compass.poll() == ()
+
+
 def test_sensor_without_field_has_no_heading(compass, exchange):
     exchange(compass, 0.2, NO_FIELD, angle())
     assert compass.poll() == ()
@@ -230,6 +243,26 @@ def rate_commands(exchange, line, compass, device, seconds):
 )
 def test_rate_is_set_if_it_differs_and_stored_if_required(make, line, exchange, options, device, expected):
     assert rate_commands(exchange, line, make(**options), device, 5.0) == expected
+
+
+@pytest.mark.parametrize(("rate_hz", "code"), [(1, 3), (2, 4), (5, 5), (10, 6), (20, 7), (50, 8), (100, 9), (200, 11)])
+def test_codes_of_the_rates(make, line, exchange, rate_hz, code):
+    compass = make(rate_hz=rate_hz)
+    assert exchange(compass, 0.2) == [READ_RATE]
+    exchange(compass, 0.21, FIELD, answer(1))
+    assert [exchange(compass, now_s) for now_s in (0.35, 0.5)] == [[UNLOCK], [bytes([0xFF, 0xAA, 3, code, 0])]]
+
+
+def test_right_rate_is_never_written_or_stored(make, line, exchange):
+    compass = make(rate_hz=20, save_rate=True)
+    assert rate_commands(exchange, line, compass, {"rate": 7}, 25.0) == [READ_RATE] * 3
+
+
+def test_slow_sensor_is_silent_after_three_intervals(make, exchange):
+    compass = make(rate_hz=1)
+    exchange(compass, 0.2, angle())
+    assert compass.health(3.1).state is DeviceState.RUNNING
+    assert compass.health(3.3).state is DeviceState.SILENT
 
 
 def test_rejected_rate_is_reported(make, line, exchange):
