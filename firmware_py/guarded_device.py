@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any, Final
 
 import msgspec
@@ -18,7 +19,10 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Ru
 
 RETRY_S: Final = 10.0  # after an exception, before the driver is created again
 MAX_SAMPLES: Final = 100  # of one poll; further ones are dropped
-_MAX_TEXT: Final = 120  # characters of a health record's text
+MAX_SAMPLE_AGE_S: Final = 60.0  # a driver stamps its samples with the time of `receive` or `command`
+MAX_NUMBER: Final = 1e10  # larger than any value in the units of the records, also UTC; its square is no overflow
+_MAX_INTEGERS: Final = {"status": 255}  # as the log stores them; all others have 32 bits, and none is negative
+_MAX_TEXT: Final = 120  # characters of a text
 
 
 class GuardedDevice:
@@ -73,6 +77,7 @@ class GuardedDevice:
 
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Let the driver of a rudder send the command."""
+        self._now_s = now_s
         if self._device is not None:
             self._guard(None, self._call, "command", command, now_s)
 
@@ -84,7 +89,7 @@ class GuardedDevice:
         """Return the result of a call; after an exception, `default`, and the driver is dropped."""
         try:
             return call(*arguments)
-        except Exception as error:  # noqa: BLE001 - code of another author
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - code of another author
             self._device = None
             self._retry_s = self._now_s + RETRY_S
             self._fault_count += 1
@@ -95,21 +100,38 @@ class GuardedDevice:
         return getattr(self._device, method)(*arguments)
 
     def _read_samples(self) -> Sequence[Any]:
-        return [self._check(sample) for sample in tuple(self._device.poll())[:MAX_SAMPLES]]
+        return [self._check(sample) for sample in islice(self._device.poll(), MAX_SAMPLES)]
 
     def _check(self, sample: Any) -> Any:
-        """Return a sample; raise TypeError or ValueError if its class, a type or a number in it is invalid."""
+        """Return a sample of the first device; raise TypeError or ValueError if its class, type or a value is invalid.
+
+        Values in range for the records may still be wrong; those that would end the autopilot or the log are not.
+        """
         if not isinstance(sample, self._sample_types):
             raise TypeError(f"{type(sample).__name__} is not a sample of this device")
-        values = msgspec.structs.asdict(sample)
-        for name, value in values.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ValueError(f"{name} is {value}")
-        return msgspec.convert(values, type(sample))
+        values = _check_values(msgspec.structs.asdict(sample))
+        if not 0.0 <= self._now_s - values["t_s"] <= MAX_SAMPLE_AGE_S:
+            raise ValueError(f"t_s is {values['t_s']}, now is {self._now_s}")
+        return msgspec.convert(values | {"source": 0} if "source" in values else values, type(sample))
 
     def _read_health(self, now_s: float) -> DeviceHealth:
         health = self._device.health(now_s)
         if not isinstance(health, DeviceHealth):
             raise TypeError(f"health() returned {type(health).__name__}")
-        checked = msgspec.convert(msgspec.structs.asdict(health), DeviceHealth)
-        return msgspec.structs.replace(checked, role=self._role, text=checked.text[:_MAX_TEXT])
+        values = msgspec.structs.asdict(health) | {"t_s": now_s, "role": self._role, "text": health.text[:_MAX_TEXT]}
+        return msgspec.convert(_check_values(values), DeviceHealth)
+
+
+def _check_values(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the values; raise ValueError for a number or a text that is too large, or a negative integer."""
+    for name, value in values.items():
+        for item in value if isinstance(value, tuple) else (value,):
+            if isinstance(item, float):
+                is_valid = abs(item) <= MAX_NUMBER
+            elif isinstance(item, int):
+                is_valid = 0 <= item <= _MAX_INTEGERS.get(name, 0xFFFF_FFFF)
+            else:
+                is_valid = not isinstance(item, str) or len(item) <= _MAX_TEXT
+            if not is_valid:
+                raise ValueError(f"{name} is {str(item)[:30]}")
+    return values

@@ -1,5 +1,6 @@
 """Guard around drivers of installed packages: exceptions, invalid samples, and another start after 10 s."""
 
+import itertools
 import math
 from typing import ClassVar
 
@@ -13,9 +14,13 @@ from firmware_py.common.records import (
     HeadingSample,
     NorthReference,
     PositionSample,
+    PowerSample,
     RudderCommand,
     RudderFeedback,
+    WindReference,
+    WindSample,
 )
+from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.devices import NoOptions
 from firmware_py.guarded_device import GuardedDevice
 from support.line import FakeLine
@@ -122,6 +127,11 @@ def test_factory_that_raises_makes_the_device_faulty(line):
         (HeadingSample(math.inf, 1.0, NorthReference.TRUE), "ValueError: t_s is inf"),
         (HeadingSample(1.0, "1.0", NorthReference.TRUE), "ValidationError: Expected `float`, got `str` - at `$.head"),
         (HeadingSample(1.0, 1.0, 9), "ValidationError: Invalid enum value 9 - at `$.reference`"),
+        (HeadingSample(1.0, 1.1e10, NorthReference.TRUE), "ValueError: heading_rad is 11000000000.0"),
+        (HeadingSample(1.0, -1.1e10, NorthReference.TRUE), "ValueError: heading_rad is -11000000000.0"),
+        (HeadingSample(1.0, 1.0, NorthReference.TRUE, source=-1), "ValueError: source is -1"),
+        (HeadingSample(5.1, 1.0, NorthReference.TRUE), "ValueError: t_s is 5.1, now is 5.0"),
+        (HeadingSample(-55.1, 1.0, NorthReference.TRUE), "ValueError: t_s is -55.1, now is 5.0"),
     ],
 )
 def test_invalid_sample_is_not_used_and_makes_the_device_faulty(driver, line, sample, text):
@@ -161,3 +171,77 @@ def test_unusable_driver_is_never_made_and_says_why(driver, line):
     assert device.health(5.0) == DeviceHealth(
         5.0, DeviceRole.COMPASS, DeviceState.FAULTY, 0, 0, "package acme 1.0 cannot be imported"
     )
+
+
+def samples_of(driver, line, sample):
+    """Return the samples of a driver that returns this one, and the text of its health record."""
+    driver.results["poll"] = (sample,)
+    device = guard(driver, line, samples=(type(sample),))
+    device.receive(5.0)
+    return list(device.poll()), device.health(5.0).text
+
+
+@pytest.mark.parametrize(
+    ("largest", "too_large"),
+    [
+        (RudderFeedback(5.0, restarts=2**32 - 1), RudderFeedback(5.0, restarts=2**32)),
+        (RudderFeedback(5.0, hardware_error=0), RudderFeedback(5.0, hardware_error=-1)),
+        (WindSample(5.0, 1e10, 0.0, WindReference.NORTH), WindSample(5.0, 1e300, 0.0, WindReference.NORTH)),
+        (
+            VesselPosition(5.0, 1, VesselKind.CLASS_A, 0.0, 0.0, status=255),
+            VesselPosition(5.0, 1, VesselKind.CLASS_A, 0.0, 0.0, status=256),
+        ),
+        (VesselIdentity(5.0, 1, "x" * 120), VesselIdentity(5.0, 1, "x" * 121)),
+        (
+            VesselIdentity(5.0, 1, dimensions_m=(1, 2, 3, 2**32 - 1)),
+            VesselIdentity(5.0, 1, dimensions_m=(1, 2, 3, 2**32)),
+        ),
+        (HeadingSample(-55.0, 1.0, NorthReference.TRUE), HeadingSample(1e300, 1.0, NorthReference.TRUE)),
+    ],
+)
+def test_values_that_the_log_or_the_autopilot_cannot_use_make_the_device_faulty(driver, line, largest, too_large):
+    assert samples_of(driver, line, largest)[0] == [largest]
+    samples, text = samples_of(driver, line, too_large)
+    assert samples == []
+    assert text.startswith("driver of package acme 1.0: ValueError: ")
+
+
+@pytest.mark.parametrize("sample", [PowerSample(5.0, 7), HeadingSample(5.0, 1.0, NorthReference.TRUE, source=1)])
+def test_samples_are_those_of_the_first_device(driver, line, sample):
+    """A source of 7 has no place in the state of the batteries: the tick would fail."""
+    ((result,), _) = samples_of(driver, line, sample)
+    assert result.source == 0
+
+
+def test_time_of_a_command_is_the_present(driver, line):
+    driver.results["poll"] = (RudderFeedback(6.0),)
+    device = guard(driver, line, samples=(RudderFeedback,))
+    device.receive(5.0)
+    device.command(RudderCommand(0.0, torque_on=True), 6.0)
+    assert list(device.poll()) == [RudderFeedback(6.0)]
+
+
+def test_driver_that_exits_does_not_end_the_autopilot(driver, line):
+    def leave(_now_s):
+        raise SystemExit(3)
+
+    driver.results["receive"] = leave
+    device = guard(driver, line)
+    device.receive(5.0)
+    assert device.health(5.0) == faulty("SystemExit: 3")
+
+
+def test_samples_without_an_end_are_not_collected(driver, line):
+    driver.results["poll"] = itertools.repeat(GOOD)
+    device = guard(driver, line)
+    device.receive(5.0)
+    assert len(device.poll()) == 100
+
+
+def test_time_and_counters_of_a_health_record_can_be_logged(driver, line):
+    device = guard(driver, line)
+    device.receive(5.0)
+    driver.results["health"] = lambda _now_s: DeviceHealth(1e300, DeviceRole.COMPASS, DeviceState.RUNNING, 2, 3)
+    assert device.health(6.0) == DeviceHealth(6.0, DeviceRole.COMPASS, DeviceState.RUNNING, 2, 3)
+    driver.results["health"] = lambda now_s: DeviceHealth(now_s, DeviceRole.COMPASS, DeviceState.RUNNING, -1, 0)
+    assert device.health(6.0).text == "driver of package acme 1.0: ValueError: accepted is -1"
