@@ -26,9 +26,11 @@ from firmware_py.estimate import wind
 from firmware_py.estimate.wind import Motion, WindState
 
 MAX_AGE_S: Final = 15.0  # of a measurement
+# Of a depth for its fault: shorter than its debounce time, because in deep water a false echo may be the last one.
+MAX_FAULT_AGE_S: Final = 5.0
 _ROLES: Final = (DeviceRole.WIND, DeviceRole.DEPTH)
 _NAMES: Final = ("Wind sensor", "Depth sensor")
-_LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT)
+_LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY)
 
 
 class InstrumentLimits(msgspec.Struct, frozen=True):
@@ -125,6 +127,6 @@ def recent_mean_wind_m_s(state: InstrumentState, now_s: float) -> float | None:
 
 
 def recent_depth_m(state: InstrumentState, now_s: float) -> float | None:
-    """Return the water depth; None if it is unknown or old."""
+    """Return the water depth; None if it is unknown or older than MAX_FAULT_AGE_S."""
     sample = state.depth
-    return sample.depth_m if sample is not None and is_recent(sample, now_s) else None
+    return sample.depth_m if sample is not None and now_s - sample.t_s <= MAX_FAULT_AGE_S else None

@@ -19,6 +19,7 @@ from firmware_py.estimate import rudder_slew
 from firmware_py.estimate.rudder_slew import SlewSettings, SlewState
 
 MAX_SHAFT_RAD: Final = 2.0 * math.pi  # larger feedback is invalid
+MAX_SENSOR_RAD: Final = 0.5 * math.pi  # larger angles of the rudder angle sensor are ignored
 
 
 class RudderSource(IntEnum):
@@ -81,7 +82,8 @@ class RudderState(msgspec.Struct, frozen=True):
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
     """Return the state updated with the feedback of a tick, and the rudder status."""
     now_s, previous = inputs.tick.t_s, state
-    sensor = inputs.rudder_angles[-1] if inputs.rudder_angles else state.sensor
+    angles = [sample for sample in inputs.rudder_angles if abs(sample.rudder_rad) <= MAX_SENSOR_RAD]
+    sensor = angles[-1] if angles else state.sensor
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
@@ -96,7 +98,7 @@ def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tupl
     source = _source_of(measured_rad, slew, from_sensor=is_sensor_fresh)
     if slew is not state.slew or source is not state.source:
         state = msgspec.structs.replace(state, slew=slew, source=source)
-    is_repeated = is_sensor_fresh and not inputs.rudder_angles
+    is_repeated = is_sensor_fresh and not angles
     return state, _status(state, measured_rad, now_s, is_new=bool(inputs.rudder), is_repeated=is_repeated)
 
 

@@ -136,7 +136,8 @@ def update(settings: DeviationSettings, state: DeviationState, inputs: Deviation
     if settings.offset_rad != state.offset_rad:
         state, minute = DeviationState(offset_rad=settings.offset_rad), None
     for sample in inputs.headings:
-        if sample.source == 0 and math.isfinite(sample.heading_rad):
+        is_heading = sample.source == 0 and sample.reference is not NorthReference.RELATIVE
+        if is_heading and math.isfinite(sample.heading_rad):
             minute = _with_heading(minute, sample, settings.offset_rad, inputs, now_s)
     if minute is None:
         return state

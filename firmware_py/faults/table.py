@@ -194,7 +194,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Compass: no data",
         recovery="Compass: data recovered",
         remedy="from shore: nothing, the next heading source is used (text `Heading source: ...`). At the boat: "
-        "check power and cable of the compass named",
+        "check power and cable of the compass named. Without that text the second one is silent, which may be a "
+        "gyroscope: `rambler status` names it",
     ),
     Fault.COMPASS_FROZEN: FaultRow(
         condition="the reading of a compass does not change though rudder, waves, the other compass or the track show "

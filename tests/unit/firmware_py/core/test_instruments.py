@@ -62,8 +62,8 @@ def test_measurement_is_recent_for_fifteen_seconds():
     assert not instruments.is_recent(sample, 25.01)
     assert not instruments.is_recent(None, 0.0)
     state = InstrumentState(depth=sample)
-    assert instruments.recent_depth_m(state, 25.0) == 20.0
-    assert instruments.recent_depth_m(state, 25.1) is None
+    assert instruments.recent_depth_m(state, 15.0) == 20.0  # for the fault
+    assert instruments.recent_depth_m(state, 15.1) is None
     assert instruments.recent_depth_m(InstrumentState(), 0.0) is None
     assert instruments.recent_mean_wind_m_s(InstrumentState(), 0.0) is None
     wind = (WindSample(10.0, 6.0, 0.0, WindReference.NORTH),)
@@ -127,7 +127,7 @@ def test_limits_are_those_of_the_parameters():
 
 
 @pytest.mark.parametrize(("role", "name"), [(DeviceRole.WIND, "Wind sensor"), (DeviceRole.DEPTH, "Depth sensor")])
-@pytest.mark.parametrize("lost", [DeviceState.SILENT, DeviceState.ABSENT])
+@pytest.mark.parametrize("lost", [DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY])
 def test_silence_and_recovery_are_reported(role, name, lost):
     state, events = instruments.report_silence(InstrumentState(), (health(role, DeviceState.RUNNING),))
     assert events == ()
@@ -185,6 +185,14 @@ def test_shallow_water_is_set_after_ten_seconds_and_cleared_after_thirty():
     assert texts_about("Water", texts) == []  # within the hysteresis
     state, snapshot, texts = run(parameters, 40, depth_m=22.1, state=state, start_s=75.0)
     assert texts_about("Water", texts) == [(104.0, "Water no longer shallow")]
+    assert not is_set(snapshot, Fault.WATER_SHALLOW)
+
+
+def test_a_single_false_echo_before_the_bottom_is_lost_is_no_shallow_water():
+    parameters = ParameterSet().replaced("DEPTH_MIN", 20.0)
+    state, _, _ = run(parameters, 5, depth_m=1.2)
+    _, snapshot, texts = run(parameters, 100, state=state, start_s=5.0)
+    assert texts_about("Water", texts) == []
     assert not is_set(snapshot, Fault.WATER_SHALLOW)
 
 

@@ -73,6 +73,14 @@ def test_estimate_begins_at_the_last_measured_angle(rudder):
     assert rudder.events == ["Rudder angle: estimated", "Rudder angle: measured by the servo"]
 
 
+@pytest.mark.parametrize("sensor_rad", [1.6, -1.6, 1e300, math.nan])
+def test_impossible_angle_of_the_sensor_is_not_measured(rudder, sensor_rad):
+    assert not rudder.tick(0.2, sensor_rad=sensor_rad).from_sensor
+    assert rudder.tick(0.2, sensor_rad=1.57).angle_rad == 1.57
+    status = rudder.tick(0.2, sensor_rad=sensor_rad)
+    assert (status.angle_rad, status.from_sensor, status.is_repeated) == (1.57, True, True)
+
+
 def test_impossible_angle_of_the_servo_is_not_measured(rudder):
     assert rudder.tick(6.2).measured
     assert not rudder.tick(6.3).measured

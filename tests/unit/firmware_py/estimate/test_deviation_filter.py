@@ -96,6 +96,14 @@ def test_impossible_velocities_are_ignored(speed, course):
     assert deviation_filter.result(NO_CORRECTION, state) is None
 
 
+def test_angle_of_a_gyroscope_is_no_heading():
+    fix = PositionSample(1.0, FixType.FIX_3D, 0.0, 0.0, 0.0, 0.5, 0.5)
+    for reference, is_used in ((NorthReference.MAGNETIC, True), (NorthReference.RELATIVE, False)):
+        inputs = DeviationInput((HeadingSample(1.0, 0.5, reference),), 0.0, fix, 0.5, (0.0, 0.0, 0.5))
+        state = deviation_filter.update(NO_CORRECTION, DeviationState(), inputs, 1.0)
+        assert (state.minute is not None) is is_used
+
+
 def test_a_changed_mounting_angle_restarts_the_filter():
     state, inputs = sail([0.5]), DeviationInput((), 0.0, None, 0.5, (0.0, 0.0, 0.5))
     assert deviation_filter.update(NO_CORRECTION, state, inputs, 1e5).x
