@@ -1,5 +1,6 @@
 """PING and TIMESYNC."""
 
+import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 
@@ -46,3 +47,10 @@ def test_timesync_reply_contains_both_times(rig):
 
 def test_timesync_replies_and_foreign_requests_are_ignored(rig):
     assert rig.tell(mavlink.mavlink_map[111](5, 1, 0, 0), mavlink.mavlink_map[111](0, 1, 2, 1)) == []
+
+
+@pytest.mark.parametrize(("utc_s", "is_offered"), [(0.0, False), (1.0, True), (9.99e10, True), (1.01e11, False)])
+def test_impossible_time_of_a_ground_station_is_not_offered(rig, utc_s, is_offered):
+    rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    rig.tell(mavlink.MAVLink_system_time_message(int(utc_s * 1e6), 0))
+    assert bool(rig.offered_utc) is is_offered

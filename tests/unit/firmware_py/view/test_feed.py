@@ -157,3 +157,17 @@ def test_invalid_harness_line_is_ignored(rig, line):
 def test_status_of_another_version_is_reported(rig, changes):
     rig.advance(**changes)
     assert rig.poll()["now"]["freshness"] in ("stale", "running")
+
+
+def test_columns_have_the_values_of_the_status_and_the_error_is_heading_minus_goal(rig):
+    sections = {}
+    for section, name, _ in STATUS_COLUMNS.values():
+        (sections.setdefault(section, {}) if section else sections)[name] = 2.0
+    rig.advance(heading_ok=True, **{k: v for k, v in sections.items() if k not in ("navigation",)},
+                navigation={**sections["navigation"], "activity": "LINE"})  # fmt: skip
+    row = rig.poll()["rows"][-1]
+    values = dict(zip(COLUMNS, row, strict=True))
+    assert {name: values[name] for name in STATUS_COLUMNS if name != "error_deg"} == dict.fromkeys(
+        (name for name in STATUS_COLUMNS if name != "error_deg"), 2.0
+    )
+    assert values["error_deg"] == -2.0
