@@ -163,7 +163,7 @@ def test_columns_have_the_values_of_the_status_and_the_error_is_heading_minus_go
     sections = {}
     for section, name, _ in STATUS_COLUMNS.values():
         (sections.setdefault(section, {}) if section else sections)[name] = 2.0
-    rig.advance(heading_ok=True, **{k: v for k, v in sections.items() if k not in ("navigation",)},
+    rig.advance(heading_ok=True, **{k: v for k, v in sections.items() if k != "navigation"},
                 navigation={**sections["navigation"], "activity": "LINE"})  # fmt: skip
     row = rig.poll()["rows"][-1]
     values = dict(zip(COLUMNS, row, strict=True))
