@@ -83,7 +83,8 @@ def _check_options_record(kind: type[Any], package: str) -> None:
     try:
         record_from(kind, {})
     except Exception as error:  # noqa: BLE001 - code of another author
-        raise PackageError(f"package {package}: option record: {type(error).__name__}: {error}"[:160]) from None
+        text = "; ".join(str(error).splitlines())
+        raise PackageError(f"package {package}: option without a default or of another type: {text}"[:160]) from None
 
 
 COMPASSES: DriverRegistry[Compass] = DriverRegistry(
@@ -202,7 +203,8 @@ def find_capture(name: str) -> CaptureFormat:
     for capture in captures:
         if capture is not None:
             return capture
-    raise ValueError(f"unknown capture format {name[:20]!r}; use one of {', '.join(CAPTURE_FORMATS)}")
+    problem = "the package of this driver defines no capture format" if captures else "unknown capture format"
+    raise ValueError(f"{problem}: {name[:20]!r}; use one of {', '.join(CAPTURE_FORMATS)}")
 
 
 def decode(name: str, data: bytes) -> Iterator[dict[str, Any]]:

@@ -1,14 +1,16 @@
 """Guard around the driver of a package of another author.
 
-An exception or an invalid sample makes the device faulty; it never ends the autopilot. Code that does not return is
+An exception or an invalid sample makes the device FAILED; it never ends the autopilot. Code that does not return is
 beyond this guard: the watchdog of the service ends the process.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
+from pathlib import PurePath
 from typing import Any, Final
 
 import msgspec
@@ -22,7 +24,17 @@ MAX_SAMPLES: Final = 100  # of one poll; further ones are dropped
 MAX_SAMPLE_AGE_S: Final = 60.0  # a driver stamps its samples with the time of `receive` or `command`
 MAX_NUMBER: Final = 1e10  # larger than any value in the units of the records, also UTC; its square is no overflow
 _MAX_INTEGERS: Final = {"status": 255}  # as the log stores them; all others have 32 bits, and none is negative
-_MAX_TEXT: Final = 120  # characters of a text
+_MAX_TEXT: Final = 200  # characters of a text
+# Ranges of angles: degrees in place of radians are the most probable error of a driver.
+_RANGES: Final = {
+    "heading_rad": (0.0, math.tau),
+    "roll_rad": (-math.pi, math.pi),
+    "pitch_rad": (-math.pi / 2.0, math.pi / 2.0),
+    "latitude_rad": (-math.pi / 2.0, math.pi / 2.0),
+    "longitude_rad": (-math.pi, math.pi),
+    "course_over_ground_rad": (0.0, math.tau),
+    "rudder_rad": (-math.pi, math.pi),
+}
 
 
 class GuardedDevice:
@@ -65,14 +77,16 @@ class GuardedDevice:
             self._guard(None, self._call, "receive", now_s)
 
     def poll(self) -> Sequence[Any]:
-        """Return the samples since the last poll; an invalid one makes the device faulty."""
+        """Return the samples since the last poll; an invalid one makes the device FAILED."""
         return () if self._device is None else self._guard((), self._read_samples)
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Return the driver's record, or a FAULTY one with the fault."""
+        """Return the driver's record, or a FAILED one with the exception and its place."""
         health: DeviceHealth | None = None if self._device is None else self._guard(None, self._read_health, now_s)
         if health is None:
-            return DeviceHealth(now_s, self._role, DeviceState.FAULTY, 0, self._fault_count, self._fault[:_MAX_TEXT])
+            state = DeviceState.FAILED if self._fault else DeviceState.STARTING
+            state = DeviceState.FAULTY if self._driver.problem else state  # reported at the start
+            return DeviceHealth(now_s, self._role, state, 0, self._fault_count, self._fault[:_MAX_TEXT])
         return health
 
     def command(self, command: RudderCommand, now_s: float) -> None:
@@ -93,14 +107,19 @@ class GuardedDevice:
             self._device = None
             self._retry_s = self._now_s + RETRY_S
             self._fault_count += 1
-            self._fault = f"driver of package {self._package}: {type(error).__name__}: {error}"
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            location = "" if frame.filename == __file__ else f" ({PurePath(frame.filename).name}:{frame.lineno})"
+            self._fault = f"driver of package {self._package}: {type(error).__name__}: {error}{location}"
             return default
 
     def _call(self, method: str, *arguments: Any) -> Any:
         return getattr(self._device, method)(*arguments)
 
     def _read_samples(self) -> Sequence[Any]:
-        return [self._check(sample) for sample in islice(self._device.poll(), MAX_SAMPLES)]
+        samples = self._device.poll()
+        if not isinstance(samples, Iterable):
+            raise TypeError(f"poll() returned {type(samples).__name__}, not the samples")
+        return [self._check(sample) for sample in islice(samples, MAX_SAMPLES)]
 
     def _check(self, sample: Any) -> Any:
         """Return a sample of the first device; raise TypeError or ValueError if its class, type or a value is invalid.
@@ -110,6 +129,9 @@ class GuardedDevice:
         if not isinstance(sample, self._sample_types):
             raise TypeError(f"{type(sample).__name__} is not a sample of this device")
         values = _check_values(msgspec.structs.asdict(sample))
+        for name, (low, high) in _RANGES.items():
+            if isinstance(value := values.get(name), float) and not low <= value <= high:
+                raise ValueError(f"{name} is {value:.6g}, expected {low:.4g} to {high:.4g} radians")
         if not 0.0 <= self._now_s - values["t_s"] <= MAX_SAMPLE_AGE_S:
             raise ValueError(f"t_s is {values['t_s']}, now is {self._now_s}")
         return msgspec.convert(values | {"source": 0} if "source" in values else values, type(sample))

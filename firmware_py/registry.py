@@ -87,7 +87,7 @@ class Registry(Mapping[str, ObjectT]):
             found: Any = points[0].load()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - code of another author
             text = f"{type(error).__name__}: {error}"[:120]
-            raise PackageError(f"package {package} cannot be imported: {text}; reinstall or remove it") from None
+            raise PackageError(f"package {package}: {points[0].value}: {text}; mend or remove it") from None
         if not isinstance(found, self._expected):
             raise PackageError(f"package {package}: {points[0].value} is not a {self._expected.__name__}; update it")
         if (interface := getattr(found, "interface", None)) != self._interface:
@@ -96,6 +96,24 @@ class Registry(Mapping[str, ObjectT]):
                 "install another version of the package"
             )
         return found
+
+
+def find_unused_entry_points(group: str, registries: Mapping[str, Registry[Any]]) -> list[str]:
+    """Return a text for each entry point of a group that is never used: of an unknown kind, or with an own name.
+
+    `registries` are those of the group by kind.
+    """
+    from importlib.metadata import entry_points  # noqa: PLC0415 - only for checks
+
+    texts = []
+    for point in entry_points(group=group):
+        kind, _, name = point.name.partition(".")
+        if kind not in registries:
+            kinds = ", ".join(registries)
+            texts.append(f"package {_package(point)}: {point.name} is not used; its kind must be one of {kinds}")
+        elif name in registries[kind].own:
+            texts.append(f"package {_package(point)}: {point.name} is not used; this program has a {kind} {name}")
+    return texts
 
 
 def _package(point: EntryPoint) -> str:

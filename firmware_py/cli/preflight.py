@@ -21,7 +21,7 @@ from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_bytes as resume_from_bytes
-from firmware_py.devices import SECTIONS
+from firmware_py.devices import GROUP, SECTIONS
 from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.access import Gate, is_open_to_anyone
@@ -31,6 +31,7 @@ from firmware_py.link.wire.open_transport import NMEA_PREFIX, open_transport
 from firmware_py.link.wire.transport import MessageTransport, Satellite
 from firmware_py.link.wire.urls import LinkError
 from firmware_py.log.disk import log_files
+from firmware_py.registry import find_unused_entry_points
 from firmware_py.system.clock import machine_s
 from firmware_py.system.realtime import clock_is_synchronised
 from firmware_py.system.serial_port import PortError, SerialPort
@@ -80,6 +81,8 @@ def parameters_in_force(vehicle: Vehicle, directory: Path, report_problem: Calla
 def check_drivers(vehicle: Vehicle) -> Iterator[Finding]:
     """Name the drivers of installed packages; one that cannot be used leaves the boat without its device."""
     yield from (Finding(Level.FAIL, "drivers", text) for text in driver_problems(vehicle))
+    registries = {registry.kind: registry for registry in SECTIONS.values()}
+    yield from (Finding(Level.WARN, "drivers", text) for text in find_unused_entry_points(GROUP, registries))
     for section, driver in package_drivers(vehicle).items():
         if not driver.problem:
             name = getattr(vehicle, section).driver

@@ -61,6 +61,7 @@ class DeviceState(IntEnum):
     SILENT = 3  # the port is open, the device has stopped responding
     FAULTY = 4  # the device reports an error
     FULL = 5  # storage without free space
+    FAILED = 6  # the driver of an installed package has raised an exception; it starts again
 
 
 class Severity(IntEnum):

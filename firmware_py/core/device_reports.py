@@ -14,7 +14,7 @@ from firmware_py.common.sample_timeout import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings
 
 Times = tuple[float | None, float | None]
-REPEAT_INTERVAL_S: Final = 600.0  # between reports of the same charger error
+REPEAT_INTERVAL_S: Final = 600.0  # between reports of the same charger error or failed driver
 _POWER: Final = (DeviceRole.POWER, DeviceRole.POWER_B)
 
 
@@ -22,7 +22,8 @@ class DeviceReports(msgspec.Struct, frozen=True):
     """Last health of storage, clock, links, signing key and servo; times and intervals of the samples.
 
     `compass_s` and `compass_interval_s` are those of compass A and B; an interval is None until the second sample.
-    `power_reported_s` is the time of the last reported error of power monitors A and B.
+    `power_reported_s` is the time of the last reported error of power monitors A and B, `failures_s` that of the last
+    reported failure of the driver of each device.
     """
 
     storage: DeviceHealth | None = None
@@ -37,6 +38,7 @@ class DeviceReports(msgspec.Struct, frozen=True):
     key: DeviceHealth | None = None
     rudder: DeviceHealth | None = None
     power_reported_s: Times = (None, None)
+    failures_s: tuple[tuple[DeviceRole, float], ...] = ()
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
@@ -80,6 +82,7 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
         key,
         rudder,
         state.power_reported_s,
+        state.failures_s,
     )
 
 
@@ -98,6 +101,23 @@ def report_power(
                 reported_s[number] = now_s
                 events.append(Event(Severity.WARNING, f"Power monitor: {device.text}"))
     return (replace(state, power_reported_s=(reported_s[0], reported_s[1])) if events else state), tuple(events)
+
+
+def report_failures(
+    state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
+) -> tuple[DeviceReports, tuple[Event, ...]]:
+    """Return the state and the events of failed drivers, for each device at most one in REPEAT_INTERVAL_S."""
+    failed = [device for device in devices if device.state is DeviceState.FAILED]
+    if not failed:
+        return state, ()
+    reported_s, events = dict(state.failures_s), []
+    for device in failed:
+        previous_s = reported_s.get(device.role)
+        if previous_s is None or now_s - previous_s >= REPEAT_INTERVAL_S:
+            reported_s[device.role] = now_s
+            name = device.role.name.replace("_", " ").capitalize()
+            events.append(Event(Severity.ERROR, f"{name}: {device.text}"))
+    return replace(state, failures_s=tuple(reported_s.items())), tuple(events)
 
 
 def _sample_times(

@@ -47,7 +47,7 @@ def fault_input(
         position_held_back=_is_held_back(position),
         servo_old=freshness.rudder is Age.OLD,
         servo_error=(servo is not None and servo.hardware_error != 0)
-        or (devices.rudder is not None and devices.rudder.state is DeviceState.FAULTY),
+        or (devices.rudder is not None and devices.rudder.state in (DeviceState.FAULTY, DeviceState.FAILED)),
         servo_temperature_c=None if servo is None else servo.temperature_c,
         servo_hot_c=settings.supervisor.hot_c,
         servo_restart_age_s=None if restarted_s is None else now_s - restarted_s,

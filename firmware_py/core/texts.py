@@ -7,6 +7,10 @@ from collections.abc import Mapping
 _NOTHING = "nothing"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
+    "<Device>: driver of package <name> <version>: <exception> (<file>:<line>)": (
+        "the driver package of a device has a defect; the device is lost, and its driver starts again after 10 s",
+        "report it to the author of the package with the log; use another device or version until then",
+    ),
     "Power monitor: <problem>": (
         "a charger reports an error; reported once in ten minutes",
         "look up the number in its manual; `rambler status` names the device",

@@ -81,7 +81,10 @@ def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Ve
 def _entry(section: str, device: EmulatedDevice) -> DeviceEntry:
     port = _NO_PWM_PORT if device.driver == "pwm" else _NO_PORT
     values = {"driver": device.driver, "port": port, "baud": device.baud}
-    return vehicle_format.read_device(section, values, f"[{section}]")
+    try:
+        return vehicle_format.read_device(section, values, f"[{section}]")
+    except VehicleError as error:
+        raise UsageError(f"emulator of driver {device.driver}: {error}") from None
 
 
 def model_of(vehicle: Vehicle) -> KtModel:

@@ -82,7 +82,7 @@ def test_check_names_the_package_and_decode_reads_nothing(site, vehicle, tmp_pat
     capture = tmp_path / "capture.bin"
     capture.write_bytes(b"$C320.5P0.2R-18.3T19.0*3C\r\n")
     output = run(site, "-m", "firmware_py", "decode", "os5000", capture, code=2)
-    assert "unknown capture format 'os5000'" in output  # the package defines none
+    assert "the package of this driver defines no capture format: 'os5000'" in output  # the package defines none
 
 
 def test_vehicle_file_is_checked_with_the_options_of_the_package(site, vehicle):
@@ -107,8 +107,8 @@ BREAKS = {
     "import": (
         lambda text: "import no_such_module\n" + text.replace("from __future__ import annotations\n", ""),
         (
-            "package rambler-os5000 1.0 cannot be imported: ModuleNotFoundError: No module named 'no_such_module'; "
-            "reinstall or remove it"
+            "package rambler-os5000 1.0: rambler_os5000:DRIVER: ModuleNotFoundError: No module named 'no_such_module'; "
+            "mend or remove it"
         ),
     ),
     "class": (
@@ -138,3 +138,16 @@ def test_boat_starts_without_the_device_of_a_broken_package(site, vehicle, tmp_p
         boat.stdout.read()
         assert boat.wait() == 0
     assert reason in "".join(lines)
+
+
+def test_exception_of_a_driver_is_reported_with_its_place_and_the_boat_continues(site, tmp_path):
+    broken = shutil.copytree(site, tmp_path / "site", ignore=shutil.ignore_patterns("source", "__pycache__"))
+    file = broken / "rambler_os5000.py"
+    file.write_text(file.read_text().replace('values.get("P")', 'values["Q"]'))
+    out = tmp_path / "run"
+    words = ["run", "tank", "--compass", "os5000", "--speed", "max", "--seconds", "20", "--mode", "hold"]
+    assert "see " in run(broken, "-m", "hil", *words, "--out", out, code=1)
+    log = (out / "firmware.log").read_text()
+    assert "Compass: driver of package rambler-os5000 1.0: KeyError: 'Q' (rambler_os5000.py:" in log
+    assert log.count("KeyError") == 1
+    assert "the HIL has ended the run" in log

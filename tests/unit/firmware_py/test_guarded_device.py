@@ -2,9 +2,11 @@
 
 import itertools
 import math
+import re
 from typing import ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.driver import Driver
 from firmware_py.common.records import (
@@ -48,7 +50,7 @@ class ScriptedDriver:
 
 
 def health_of(now_s):
-    return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 7, 1, "x" * 200)
+    return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 7, 1, "x" * 300)
 
 
 @pytest.fixture
@@ -69,8 +71,13 @@ def guard(driver, line, *, samples=(HeadingSample,), problem=""):
     return GuardedDevice(row, DeviceRole.COMPASS, samples, "acme 1.0", line, NoOptions())
 
 
-def faulty(text, count=1):
-    return DeviceHealth(5.0, DeviceRole.COMPASS, DeviceState.FAULTY, 0, count, f"driver of package acme 1.0: {text}")
+def failed(text, count=1):
+    return DeviceHealth(5.0, DeviceRole.COMPASS, DeviceState.FAILED, 0, count, f"driver of package acme 1.0: {text}")
+
+
+def without_line(health):
+    """Return a health record without the line number in its text."""
+    return replace(health, text=re.sub(r":\d+\)", ")", health.text))
 
 
 def test_samples_and_health_of_a_working_driver_pass_with_the_role_of_the_section(driver, line):
@@ -79,7 +86,7 @@ def test_samples_and_health_of_a_working_driver_pass_with_the_role_of_the_sectio
     assert list(device.poll()) == [GOOD]
     health = device.health(2.0)
     assert (health.role, health.state, health.accepted, len(health.text)) == (
-        DeviceRole.COMPASS, DeviceState.RUNNING, 7, 120,
+        DeviceRole.COMPASS, DeviceState.RUNNING, 7, 200,
     )  # fmt: skip
     assert device.fileno() == 7
     device.command(RudderCommand(0.1, torque_on=True), 2.0)
@@ -87,18 +94,18 @@ def test_samples_and_health_of_a_working_driver_pass_with_the_role_of_the_sectio
 
 
 @pytest.mark.parametrize("method", ["receive", "poll", "health", "command", "needs_prompt_io"])
-def test_exception_makes_the_device_faulty_and_the_driver_is_made_again_after_ten_seconds(driver, line, method):
+def test_exception_makes_the_device_failed_and_the_driver_is_made_again_after_ten_seconds(driver, line, method):
     device = guard(driver, line)
     device.receive(4.0)
     driver.results[method] = ZeroDivisionError("oh")
     device.receive(4.0)
     device.poll(), device.command(RudderCommand(0.0, torque_on=True), 4.0), device.needs_prompt_io()
-    assert device.health(5.0) == faulty("ZeroDivisionError: oh")
+    assert without_line(device.health(5.0)) == failed("ZeroDivisionError: oh (test_guarded_device.py)")
     assert list(device.poll()) == []
     assert device.needs_prompt_io() is False
     driver.results[method] = ScriptedDriver.results.get(method, health_of)
     device.receive(13.9)
-    assert (driver.made, device.health(5.0).state) == (1, DeviceState.FAULTY)
+    assert (driver.made, device.health(5.0).state) == (1, DeviceState.FAILED)
     device.receive(14.0)
     assert (driver.made, device.health(14.0).state) == (2, DeviceState.RUNNING)
 
@@ -112,10 +119,11 @@ def test_bytes_are_discarded_while_there_is_no_driver(driver, line):
     assert line.inbox == b""
 
 
-def test_factory_that_raises_makes_the_device_faulty(line):
+def test_factory_that_raises_makes_the_device_failed(line):
     device = guard(lambda _line, options: options.missing, line)
     device.receive(5.0)
-    assert device.health(5.0) == faulty("AttributeError: 'NoOptions' object has no attribute 'missing'")
+    text = "AttributeError: 'NoOptions' object has no attribute 'missing' (test_guarded_device.py)"
+    assert without_line(device.health(5.0)) == failed(text)
 
 
 @pytest.mark.parametrize(
@@ -125,6 +133,13 @@ def test_factory_that_raises_makes_the_device_faulty(line):
         (PositionSample(0.0, 0), "TypeError: PositionSample is not a sample of this device"),
         (HeadingSample(1.0, math.nan, NorthReference.TRUE), "ValueError: heading_rad is nan"),
         (HeadingSample(math.inf, 1.0, NorthReference.TRUE), "ValueError: t_s is inf"),
+        (HeadingSample(1.0, 6.29, NorthReference.TRUE), "ValueError: heading_rad is 6.29, expected 0 to 6.283 radians"),
+        (HeadingSample(1.0, -0.01, NorthReference.TRUE), "ValueError: heading_rad is -0.01, expected 0 to 6.283 rad"),
+        (HeadingSample(1.0, 1.0, NorthReference.TRUE, roll_rad=3.15), "ValueError: roll_rad is 3.15, expected -3.142"),
+        (
+            HeadingSample(1.0, 1.0, NorthReference.TRUE, pitch_rad=-1.58),
+            "ValueError: pitch_rad is -1.58, expected -1.5",
+        ),
         (HeadingSample(1.0, "1.0", NorthReference.TRUE), "ValidationError: Expected `float`, got `str` - at `$.head"),
         (HeadingSample(1.0, 1.0, 9), "ValidationError: Invalid enum value 9 - at `$.reference`"),
         (HeadingSample(1.0, 1.1e10, NorthReference.TRUE), "ValueError: heading_rad is 11000000000.0"),
@@ -134,7 +149,7 @@ def test_factory_that_raises_makes_the_device_faulty(line):
         (HeadingSample(-55.1, 1.0, NorthReference.TRUE), "ValueError: t_s is -55.1, now is 5.0"),
     ],
 )
-def test_invalid_sample_is_not_used_and_makes_the_device_faulty(driver, line, sample, text):
+def test_invalid_sample_is_not_used_and_makes_the_device_failed(driver, line, sample, text):
     driver.results["poll"] = (GOOD, sample)
     device = guard(driver, line)
     device.receive(5.0)
@@ -143,11 +158,11 @@ def test_invalid_sample_is_not_used_and_makes_the_device_faulty(driver, line, sa
 
 
 @pytest.mark.parametrize("health", [None, DeviceHealth(0.0, DeviceRole.COMPASS, 77, 0, 0)])
-def test_invalid_health_makes_the_device_faulty(driver, line, health):
+def test_invalid_health_makes_the_device_failed(driver, line, health):
     driver.results["health"] = lambda _now_s: health
     device = guard(driver, line)
     device.receive(5.0)
-    assert device.health(5.0).state is DeviceState.FAULTY
+    assert device.health(5.0).state is DeviceState.FAILED
 
 
 def test_at_most_a_hundred_samples_of_a_poll_are_used(driver, line):
@@ -191,7 +206,7 @@ def samples_of(driver, line, sample):
             VesselPosition(5.0, 1, VesselKind.CLASS_A, 0.0, 0.0, status=255),
             VesselPosition(5.0, 1, VesselKind.CLASS_A, 0.0, 0.0, status=256),
         ),
-        (VesselIdentity(5.0, 1, "x" * 120), VesselIdentity(5.0, 1, "x" * 121)),
+        (VesselIdentity(5.0, 1, "x" * 200), VesselIdentity(5.0, 1, "x" * 201)),
         (
             VesselIdentity(5.0, 1, dimensions_m=(1, 2, 3, 2**32 - 1)),
             VesselIdentity(5.0, 1, dimensions_m=(1, 2, 3, 2**32)),
@@ -199,7 +214,7 @@ def samples_of(driver, line, sample):
         (HeadingSample(-55.0, 1.0, NorthReference.TRUE), HeadingSample(1e300, 1.0, NorthReference.TRUE)),
     ],
 )
-def test_values_that_the_log_or_the_autopilot_cannot_use_make_the_device_faulty(driver, line, largest, too_large):
+def test_values_that_the_log_or_the_autopilot_cannot_use_make_the_device_failed(driver, line, largest, too_large):
     assert samples_of(driver, line, largest)[0] == [largest]
     samples, text = samples_of(driver, line, too_large)
     assert samples == []
@@ -228,7 +243,7 @@ def test_driver_that_exits_does_not_end_the_autopilot(driver, line):
     driver.results["receive"] = leave
     device = guard(driver, line)
     device.receive(5.0)
-    assert device.health(5.0) == faulty("SystemExit: 3")
+    assert device.health(5.0).text.startswith("driver of package acme 1.0: SystemExit: 3 (")
 
 
 def test_samples_without_an_end_are_not_collected(driver, line):
@@ -245,3 +260,15 @@ def test_time_and_counters_of_a_health_record_can_be_logged(driver, line):
     assert device.health(6.0) == DeviceHealth(6.0, DeviceRole.COMPASS, DeviceState.RUNNING, 2, 3)
     driver.results["health"] = lambda now_s: DeviceHealth(now_s, DeviceRole.COMPASS, DeviceState.RUNNING, -1, 0)
     assert device.health(6.0).text == "driver of package acme 1.0: ValueError: accepted is -1"
+
+
+def test_samples_that_are_none_are_an_error_of_poll(driver, line):
+    driver.results["poll"] = None
+    device = guard(driver, line)
+    device.receive(5.0)
+    assert list(device.poll()) == []
+    assert device.health(5.0) == failed("TypeError: poll() returned NoneType, not the samples")
+
+
+def test_device_is_starting_before_its_driver_is_made(driver, line):
+    assert guard(driver, line).health(5.0).state is DeviceState.STARTING

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.driver import Driver
 from firmware_py.devices import DriverRegistry
-from firmware_py.registry import PackageError, Registry
+from firmware_py.registry import PackageError, Registry, find_unused_entry_points
 
 OWN = {"mti": "firmware_py.sensors.mti:DRIVER", "nmea": "firmware_py.sensors.nmea_compass:DRIVER"}
 MODULE = """
@@ -84,11 +84,15 @@ def test_two_packages_with_one_name_are_refused(install):
 @pytest.mark.parametrize(
     ("value", "interface", "text"),
     [
-        ("acme_module:MISSING", 1, "package acme 1.2 cannot be imported: AttributeError"),
+        ("acme_module:MISSING", 1, "package acme 1.2: acme_module:MISSING: AttributeError: module"),
         ("acme_module:OTHER", 1, "package acme 1.2: acme_module:OTHER is not a Driver; update it"),
         ("acme_module:DRIVER", 0, "is for interface version 0, this program has version 1"),
-        ("acme_module:DRIVER", "1 / 0", "package acme 1.2 cannot be imported: ZeroDivisionError: division by zero"),
-        ("acme_module:DRIVER", "exit(3)", "package acme 1.2 cannot be imported: SystemExit: 3"),
+        (
+            "acme_module:DRIVER",
+            "1 / 0",
+            "package acme 1.2: acme_module:DRIVER: ZeroDivisionError: division by zero; mend",
+        ),
+        ("acme_module:DRIVER", "exit(3)", "package acme 1.2: acme_module:DRIVER: SystemExit: 3"),
     ],
 )
 def test_unusable_package_is_named_with_the_reason(install, value, interface, text):
@@ -101,7 +105,7 @@ def test_unusable_package_is_named_with_the_reason(install, value, interface, te
 def test_option_record_without_defaults_makes_a_driver_unusable(install):
     install("compass.acme", "acme_module:DRIVER", options="NeedsOption")
     drivers = DriverRegistry("compass", 0, (), OWN)
-    assert drivers["acme"].problem == "package acme 1.2: option record: ValueError: needed is missing"
+    assert drivers["acme"].problem == "package acme 1.2: option without a default or of another type: needed is missing"
     assert drivers["mti"].problem == ""
 
 
@@ -109,3 +113,13 @@ def test_drivers_of_packages_are_guarded(install):
     install("compass.acme", "acme_module:DRIVER")
     device = DriverRegistry("compass", 0, (), OWN)["acme"].make(None, None)
     assert type(device).__name__ == "GuardedDevice"
+
+
+def test_entry_points_that_are_never_used_are_named(install):
+    install("kompass.acme", "acme_module:DRIVER")
+    install("compass.mti", "other_module:DRIVER", package="other")
+    install("compass.good", "good_module:DRIVER", package="good")
+    assert sorted(find_unused_entry_points("rambler.drivers", {"compass": registry(), "rudder": registry()})) == [
+        "package acme 1.2: kompass.acme is not used; its kind must be one of compass, rudder",
+        "package other 1.2: compass.mti is not used; this program has a compass mti",
+    ]
