@@ -150,4 +150,4 @@ def test_exception_of_a_driver_is_reported_with_its_place_and_the_boat_continues
     log = (out / "firmware.log").read_text()
     assert "Compass: driver of package rambler-os5000 1.0: KeyError: 'Q' (rambler_os5000.py:" in log
     assert log.count("KeyError") == 1
-    assert "the HIL has ended the run" in log
+    assert "SIGTERM: autopilot ends" in log

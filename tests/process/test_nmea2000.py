@@ -180,6 +180,7 @@ def test_lines_of_a_network_gateway(make_boat):
     read_from_network(boat, bus)
     try:
         boat.start()
+        boat.run_until_written("Heading source: compass A")
         boat.run(5.0)
     finally:
         bus.close()
