@@ -75,6 +75,7 @@ class DynamixelServo:
     def __init__(self, options: DynamixelOptions, max_exchange_s: float) -> None:
         """Start without a command; max_exchange_s is the duration of the longest exchange."""
         self.device_id = options.id
+        self.label = f"servo id {options.id}"
         self.parser = frames.StatusParser(MAX_REPLY_LENGTH)
         self._configurator = Configurator(options.id)
         self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)

@@ -72,6 +72,7 @@ class FeetechServo:
     def __init__(self, options: FeetechOptions) -> None:
         """Start without a command."""
         self.device_id = options.id
+        self.label = f"servo id {options.id}"
         self.parser = protocol.ReplyParser(options.id)
         self._window = ReadingWindow()
         self._shaft_rad: float | None = None

@@ -138,7 +138,7 @@ class MaestroServo:
 
     def __init__(self, options: MaestroOptions) -> None:
         """Start without a command."""
-        self.device_id = options.channel
+        self.label = "Maestro"
         self.parser = ReplyParser()
         self._options = options
         self._scale = PulseScale.of(options)

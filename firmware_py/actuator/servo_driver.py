@@ -61,8 +61,8 @@ class Servo(Protocol[RequestT, ReplyT]):
     """The protocol-specific part of a driver."""
 
     @property
-    def device_id(self) -> int:
-        """The id of the servo on its bus."""
+    def label(self) -> str:
+        """The device in texts, as in "servo id 1"."""
 
     @property
     def parser(self) -> ReplyParser[ReplyT]:
@@ -166,7 +166,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             return DeviceState.ABSENT, f"port {self._line.name} not connected"
         if self._bus.is_silent(now_s):
             state = DeviceState.SILENT if self._has_replied else DeviceState.STARTING
-            return state, f"no reply from servo id {self._servo.device_id}"
+            return state, f"no reply from {self._servo.label}"
         return self._servo.condition(has_replied=self._has_replied)
 
     def _notice_reopening(self) -> None:

@@ -54,6 +54,7 @@ class VolzServo:
     def __init__(self, options: VolzOptions) -> None:
         """Start without a command."""
         self.device_id = options.id
+        self.label = f"servo id {options.id}"
         self.parser = frames.ReplyParser(options.id)
         self._window = ReadingWindow()
         self._readings = deque(
@@ -88,7 +89,7 @@ class VolzServo:
     def condition(self, *, has_replied: bool) -> tuple[DeviceState, str]:
         """Return the state; silence is the only detectable fault."""
         if not has_replied:
-            return DeviceState.STARTING, f"no reply from servo id {self.device_id}"
+            return DeviceState.STARTING, f"no reply from {self.label}"
         return DeviceState.RUNNING, "" if self._torque_command else "no position sent; the servo holds the last one"
 
     def matches(self, reply: frames.Reply, request: Request) -> bool:

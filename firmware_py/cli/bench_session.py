@@ -38,6 +38,7 @@ from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
+MIN_RATE_DURATION_S = 0.5  # of the samples of a rate; shorter, two messages in one read would be a high rate
 # The servo is polled with torque off, so that listening does not move it.
 RELEASE_COMMAND = RudderCommand(0.0, torque_on=False)
 # Devices on one port are read in this order.
@@ -83,11 +84,11 @@ class BenchDevice:
     line: Line | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
-        """Return the mean sample rate; None before the second sample."""
+        """Return the mean sample rate; None before the samples cover MIN_RATE_DURATION_S."""
         if self.last_sample is None or self.first_sample_s is None or self.sample_count < 2:
             return None
         duration_s = self.last_sample.t_s - self.first_sample_s
-        return (self.sample_count - 1) / duration_s if duration_s > 0.0 else None
+        return (self.sample_count - 1) / duration_s if duration_s >= MIN_RATE_DURATION_S else None
 
     def values(self) -> dict[str, Any]:
         """Return the values of the last sample by name, angles in degrees."""

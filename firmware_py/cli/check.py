@@ -12,12 +12,14 @@ from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.errors import print_error
 from firmware_py.cli.preflight import Finding, Level
 from firmware_py.cli.state_owner import state_directory_of
-from firmware_py.common.records import DeviceState, FixType, PositionSample
-from firmware_py.vehicle import Vehicle, VehicleError, load
+from firmware_py.common.angles import degrees
+from firmware_py.common.records import DeviceState, FixType, HeadingSample, PositionSample
+from firmware_py.vehicle import NETWORK, Vehicle, VehicleError, load
 
 LISTEN_TIME_S = 3.0
 # Per device. The first message is often incomplete, since the port is opened at any time.
 MAX_BAD_MESSAGES, MAX_BAD_FRACTION = 2, 0.05
+MAX_TILT_DEG = 45.0  # roll or pitch of a boat on the bench
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,8 +100,7 @@ def check_device(device: BenchDevice) -> Finding:
     if device.role in ("wind", "depth") and health is not None and not device.sample_count and health.accepted:
         return finding(Level.WARN, f"{label}: {health.text}; check the sensor if it should measure now")
     if not device.sample_count or health is None:
-        state = health.text if health is not None else ""
-        return finding(Level.FAIL, f"{label}: {state or 'silent; check power, wiring and baud rate'}")
+        return finding(Level.FAIL, f"{label}: {_explain_silence(device)}")
     values = ", ".join(f"{name} {value}" for name, value in device.values().items() if value is not None)
     text = f"{label}: {device.rate_hz() or 0.0:.1f} Hz, {values}"
     if health.state is not DeviceState.RUNNING:
@@ -110,4 +111,21 @@ def check_device(device: BenchDevice) -> Finding:
         return finding(Level.WARN, f"{text}; {health.rejected} bad messages; check the wiring")
     if isinstance(device.last_sample, PositionSample) and device.last_sample.fix is FixType.NONE:
         return finding(Level.WARN, f"{text}; no fix yet; check that the antenna has a clear view of the sky")
+    if isinstance(device.last_sample, HeadingSample) and _tilt_deg(device.last_sample) > MAX_TILT_DEG:
+        return finding(Level.WARN, f"{text}; the boat seems to lie on its side; check the mounting of the compass")
     return finding(Level.PASS, text)
+
+
+def _explain_silence(device: BenchDevice) -> str:
+    """Return why a device has no sample, and what to check."""
+    text = "" if device.health is None else device.health.text
+    if text and not text.startswith("no reply"):
+        return text
+    by_network = device.port.startswith(NETWORK)
+    checks = "the address and the device that sends to it" if by_network else "power, wiring and baud rate"
+    return f"{text or 'silent'}; check {checks}"
+
+
+def _tilt_deg(sample: HeadingSample) -> float:
+    """Return the larger one of roll and pitch, 0 for a compass without them."""
+    return max(abs(degrees(angle_rad or 0.0)) for angle_rad in (sample.roll_rad, sample.pitch_rad))

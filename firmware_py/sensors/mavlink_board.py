@@ -203,6 +203,7 @@ class FlightController:
             if len(self._candidates) >= MAX_CANDIDATES:
                 self._candidates.clear()
             self._candidates.add(address)
+            self._monitor.note_unused("one heartbeat: waiting for the next")
         else:
             system, component = address
             self.other_text = f"autopilot {system}/{component} ignored: set system and component"

@@ -113,7 +113,9 @@ class Nmea2000Reader:
         return messages
 
     def report_source(self, now_s: float) -> None:
-        """Report a change of the source, or a second source, once."""
+        """Report a change of the source, or a second source, once, and a missing source while it is missing."""
+        if text := self._selection.missing_text:
+            self._monitor.note_unused(text)
         if text := self._selection.take_text():
             self._monitor.reject(now_s, text, count=0)
 

@@ -25,6 +25,7 @@ class SourceSelection:
         self._timeout_s = timeout_s
         self._names: dict[int, bytes] = {}  # by address
         self._reported: set[int] = set()
+        self._unused: int | None = None  # another device that sends the quantity
         self._address: int | None = None
         self._name: bytes | None = None
         self._newest_s = -math.inf
@@ -39,6 +40,7 @@ class SourceSelection:
         """Forget the selected device and all names: the bus may be another one."""
         self._names.clear()
         self._reported.clear()
+        self._unused = None
         self._address = self._name = None
         self._newest_s = -math.inf
 
@@ -78,7 +80,18 @@ class SourceSelection:
         text, self._text = self._text, ""
         return text
 
+    @property
+    def missing_text(self) -> str:
+        """Why there is nothing from the configured address although another device sends; empty if so."""
+        if self._unused is None or self._address is not None:
+            return ""
+        other = _describe(self._unused, self._names.get(self._unused))
+        return f"no {self._quantity} from source 0x{self._configured:02x}, but from {other}"
+
     def _report_unused(self, source: int) -> None:
+        if self._address is None and self._configured not in (AUTOMATIC, source):
+            self._unused = source  # `missing_text` reports it
+            return
         if source not in self._reported:
             self._reported.add(source)
             self._text = f"second {self._quantity} source {_describe(source, self._names.get(source))} not used"

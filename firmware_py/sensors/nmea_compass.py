@@ -64,6 +64,7 @@ class NmeaCompass:
             self._monitor,
             {*(options.sentences or HEADING_SENTENCES), *ADDITIONAL_SENTENCES},
             require_checksum=options.require_checksum,
+            by_option=bool(options.sentences),
         )
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._turn_rate: tuple[float, float] | None = None  # time, rate [rad/s]

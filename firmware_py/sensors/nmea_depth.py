@@ -61,7 +61,11 @@ class NmeaDepth:
         self._line = line
         self._options = options
         self._reader = NmeaReader(
-            line, self._monitor, options.sentences or DEPTH_SENTENCES, require_checksum=options.require_checksum
+            line,
+            self._monitor,
+            options.sentences or DEPTH_SENTENCES,
+            require_checksum=options.require_checksum,
+            by_option=bool(options.sentences),
         )
         self._preference = Preference(_RANKS)
         self._samples: deque[DepthSample] = deque(maxlen=MAX_SAMPLES)

@@ -34,12 +34,17 @@ class NmeaReader:
         kinds: Collection[str],
         *,
         require_checksum: bool = True,
+        by_option: bool = False,
     ) -> None:
-        """Select kinds of sentences; `require_checksum` rejects sentences without a checksum."""
+        """Select kinds of sentences; `require_checksum` rejects sentences without a checksum.
+
+        `by_option`: the kinds are those of the option `sentences`, which the text about other sentences then names.
+        """
         self._line = line
         self._monitor = monitor
         self._kinds = frozenset(kinds)
         self._require_checksum = require_checksum
+        self._remedy = "correct port or sentences" if by_option else "port of another device?"
         self._framer = NmeaFramer()
         self._reported_names: set[str] = set()
 
@@ -79,7 +84,7 @@ class NmeaReader:
             self._monitor.reject(now_s, f"{sentence.address}: {sentence.fault}{remedy}")
             return False
         if not is_selected:
-            self._monitor.note_unused(f"only {sentence.address} and similar: port of another device?")
+            self._monitor.note_unused(f"only {sentence.address} and similar: {self._remedy}")
         return is_selected
 
 

@@ -57,7 +57,11 @@ class NmeaWind:
         self._line = line
         self._offset_deg = options.offset_deg
         self._reader = NmeaReader(
-            line, self._monitor, options.sentences or WIND_SENTENCES, require_checksum=options.require_checksum
+            line,
+            self._monitor,
+            options.sentences or WIND_SENTENCES,
+            require_checksum=options.require_checksum,
+            by_option=bool(options.sentences),
         )
         self._preference = Preference(WIND_RANKS)
         self._samples: deque[WindSample] = deque(maxlen=MAX_SAMPLES)

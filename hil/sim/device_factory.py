@@ -110,7 +110,8 @@ def _find_device_of(devices: Registry[EmulatedDevice], driver: str) -> EmulatedD
         if (device := find_device(devices, name)).driver == driver:
             return device
     drivers = ", ".join(device.driver for device in devices.values())
-    raise UsageError(f"driver {driver!r} has no emulated device; use one of {drivers}")
+    section = "rudder" if devices is SERVOS else devices.kind
+    raise UsageError(f"[{section}] driver {driver!r} has no emulated device; use one of {drivers}")
 
 
 def shared_sections(vehicle: Vehicle) -> tuple[str, ...]:

@@ -219,7 +219,7 @@ def test_silent_maestro_is_starting_and_a_wrong_baud_rate_gives_no_feedback(fake
     rig = fakes.rig(maestro_rudder(line, MaestroOptions()))
     assert rig.ticks(10) == []
     assert rig.health().state is DeviceState.STARTING
-    assert rig.health().text == "no reply from servo id 0"
+    assert rig.health().text == "no reply from Maestro"
     line.noise = b"\xf8\x00\xff"  # what another baud rate makes of a reply
     assert rig.ticks(20) == []
     assert (rig.health().state, rig.health().text) == (

@@ -34,7 +34,7 @@ class ChunkParser:
 class EchoServo:
     """Sends the angle of each command once; a reply is valid if it repeats the request."""
 
-    device_id = 7
+    label = "servo id 7"
 
     def __init__(self):
         self.parser = ChunkParser()

@@ -1,6 +1,7 @@
 """`rambler check`: findings, levels and output formats."""
 
 import json
+import math
 import os
 import pty
 import re
@@ -95,6 +96,50 @@ def save(state, **files):
     for name, content in files.items():
         store.save(name.replace("_", "."), content.encode())
     store.close()
+
+
+def bench_device(role, driver, port, sample=None, text="", state=DeviceState.STARTING):
+    device = BenchDevice(role, driver, port)
+    device.health = DeviceHealth(0.0, DeviceRole.COMPASS, state, 5, 0, text)
+    if sample is not None:
+        device.last_sample, device.sample_count, device.first_sample_s = sample, 5, 0.0
+    return device
+
+
+@pytest.mark.parametrize(
+    ("driver", "port", "text", "expected"),
+    [
+        ("nmea", "/dev/c", "", "silent; check power, wiring and baud rate"),
+        ("nmea2000", "udp:2002", "", "silent; check the address and the device that sends to it"),
+        (
+            "volz",
+            "/dev/c",
+            "no reply from servo id 2",
+            "no reply from servo id 2; check power, wiring and baud rate",
+        ),
+        ("nmea", "/dev/c", "no fix", "no fix"),
+    ],
+)
+def test_silent_device_names_what_to_check(driver, port, text, expected):
+    finding = check_device(bench_device("compass", driver, port, text=text))
+    assert (finding.level, finding.text) == (Level.FAIL, f"{driver} on {port}: {expected}")
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "pitch_deg", "level"),
+    [(None, None, Level.PASS), (-44.0, 44.0, Level.PASS), (-46.0, 0.0, Level.WARN), (0.0, 46.0, Level.WARN)],
+)
+def test_boat_that_seems_to_lie_on_its_side_is_a_warning_about_the_mounting(roll_deg, pitch_deg, level):
+    roll_rad, pitch_rad = (None if angle is None else math.radians(angle) for angle in (roll_deg, pitch_deg))
+    sample = HeadingSample(1.0, 0.5, NorthReference.MAGNETIC, roll_rad=roll_rad, pitch_rad=pitch_rad)
+    finding = check_device(bench_device("compass", "rion", "/dev/c", sample, state=DeviceState.RUNNING))
+    assert (finding.level, finding.text.endswith("check the mounting of the compass")) == (level, level is Level.WARN)
+
+
+@pytest.mark.parametrize(("last_s", "rate_hz"), [(0.4, None), (0.5, 8.0), (2.0, 2.0)])
+def test_rate_needs_half_a_second_of_samples(last_s, rate_hz):
+    device = bench_device("wind", "nmea", "/dev/w", WindSample(last_s, 3.0, 0.0, WindReference.APPARENT))
+    assert device.rate_hz() == rate_hz
 
 
 def test_new_boat_without_links_and_with_silent_devices(check):

@@ -112,6 +112,13 @@ def test_other_devices_are_not_mixed_with_the_source(deliver, compass):
     assert compass.health(1.1).rejected == 0
 
 
+def test_configured_source_that_is_not_on_the_bus_is_reported_as_long_as_it_is_missing(deliver, line):
+    compass = Nmea2000Compass(line, Nmea2000Options(source=0x55))
+    for now_s in (1.0, 20.0):
+        assert deliver(compass, heading(10.0), now_s=now_s) == ()
+        assert compass.health(now_s).text == "no heading from source 0x55, but from 0x23"
+
+
 def test_second_source_takes_over_after_silence_without_values_of_the_first(deliver, compass):
     deliver(compass, heading(10.0), now_s=1.0)
     deliver(compass, rate(5.0), attitude(1.0, 1.0), heading(10.0), now_s=2.0)

@@ -156,6 +156,7 @@ def test_configured_wind_source_is_used_with_any_reference(deliver, make):
     sensor = make("wind", source=0x0D)
     samples = deliver(sensor, wind(6.0, 80.0), wind(5.0, 90.0, BOW, 0x0D))
     assert [sample.reference for sample in samples] == [WindReference.BOW]
+    assert deliver(sensor, wind(6.0, 80.0)) == ()
     assert sensor.health(1.0).text == "second wind source 0x40 not used"
 
 

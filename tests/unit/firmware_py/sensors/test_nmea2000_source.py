@@ -30,6 +30,23 @@ def test_first_source_stays_until_it_is_silent_and_the_second_is_reported_once()
     assert sources.take_text() == "second heading source 0x23 not used"
 
 
+def test_configured_source_that_never_sends_is_named_with_the_one_that_does():
+    sources = selection(0x55)
+    assert sources.missing_text == ""
+    sources.handle_claim(0x23, name(77), 0.0)
+    assert not sources.accepts(0x23, 0.1)
+    assert sources.take_text() == ""
+    assert sources.missing_text == "no heading from source 0x55, but from 0x23 (maker 1851, no. 77)"
+    assert sources.accepts(0x55, 0.2)
+    assert sources.missing_text == ""
+    assert not sources.accepts(0x23, 0.3)
+    assert sources.take_text() == "second heading source 0x23 (maker 1851, no. 77) not used"
+    sources = selection(0x55)
+    assert not sources.accepts(0x23, 0.1)
+    sources.restart()
+    assert sources.missing_text == ""
+
+
 def test_configured_source_is_the_only_one():
     sources = selection(0x24)
     assert not sources.accepts(0x23, 0.0)

@@ -4,7 +4,10 @@ import pytest
 
 from firmware_py.common.records import DeviceRole
 from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+from firmware_py.sensors.nmea_depth import NmeaDepth, NmeaDepthOptions
 from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.nmea_wind import NmeaWind, NmeaWindOptions
 
 
 @pytest.fixture
@@ -48,3 +51,21 @@ def test_sentences_of_another_device_are_distinguished_from_a_wrong_baud_rate(re
     assert monitor.health(1.1).text == "only GPGSV and similar: port of another device?"
     monitor.accept(1.2)
     assert monitor.health(1.2).text == ""
+
+
+@pytest.mark.parametrize(
+    ("driver", "options", "sentence"),
+    [
+        (NmeaWind, NmeaWindOptions(sentences=("MWD",)), "WIMWV,40.0,R,5.0,N,A"),
+        (NmeaDepth, NmeaDepthOptions(sentences=("DBS",)), "SDDPT,5.0,0.0"),
+        (NmeaCompass, NmeaCompassOptions(sentences=("HDT",)), "HCHDM,40.0,M"),
+    ],
+)
+def test_sentences_that_the_option_excludes_name_the_option(line, deliver, driver, options, sentence):
+    device = driver(line, options)
+    assert deliver(device, sentence) == ()
+    assert device.health(1.0).text == f"only {sentence[:5]} and similar: correct port or sentences"
+    assert len(deliver(driver(line, type(options)()), sentence)) == 1
+    unrestricted = driver(line, type(options)())
+    deliver(unrestricted, "GPGSV,1,1,00")
+    assert unrestricted.health(1.0).text == "only GPGSV and similar: port of another device?"
