@@ -192,7 +192,7 @@ TABLE: tuple[Parameter, ...] = (
     real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Servo temperature above which RUDDER_HOT is set."),
     real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s",
         "Time without a reply after which the servo counts as silent; if polled slowly, at least 2.5 polling "
-        "intervals. Also maximum age of the angle of a rudder angle sensor."),
+        "intervals. Likewise for the samples of a rudder angle sensor."),
     real("SBD_CHECK_H", 12.0, 0.0, 720.0, "h",
         "Time without a satellite session after which the autopilot checks for messages. 0: never."),
     integer("SBD_CREDIT_B", 50, 1, 340, "", "Bytes per credit of the satellite provider."),

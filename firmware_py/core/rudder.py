@@ -14,6 +14,7 @@ import msgspec
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Inputs, RudderAngleSample, RudderFeedback, RudderStatus, Severity
+from firmware_py.common.sample_timeout import learn_interval_s, timeout_s
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import rudder_slew
 from firmware_py.estimate.rudder_slew import SlewSettings, SlewState
@@ -35,7 +36,7 @@ class RudderSettings(msgspec.Struct, frozen=True):
     """Linkage between servo and rudder, limits of angle and rate, and model of a servo without measured angle.
 
     `hold_s`: time for which the command is constant without a heading. `released_disarmed`: the servo has no torque
-    while disarmed. `sensor_timeout_s`: maximum age of a sample of the rudder angle sensor.
+    while disarmed. `sensor_timeout_s`: minimum timeout of the rudder angle sensor (common/sample_timeout.py).
     """
 
     linkage: Linkage
@@ -61,7 +62,7 @@ class RudderSettings(msgspec.Struct, frozen=True):
 class RudderState(msgspec.Struct, frozen=True):
     """Last rudder command, last servo feedback, number of servo restarts and time of the last one.
 
-    `sensor` is the last sample of the rudder angle sensor. `slew` is the estimate of an angle that is not measured;
+    `sensor` is the last sample of the rudder angle sensor, `sensor_interval_s` its learned interval. `slew` is the estimate of an angle that is not measured;
     None while it is measured and before the first feedback.
     """
 
@@ -72,6 +73,7 @@ class RudderState(msgspec.Struct, frozen=True):
     sensor: RudderAngleSample | None = None
     slew: SlewState | None = None
     source: RudderSource = RudderSource.NONE
+    sensor_interval_s: float = 0.0
 
     @property
     def feedback_s(self) -> float | None:
@@ -83,14 +85,20 @@ def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tupl
     """Return the state updated with the feedback of a tick, and the rudder status."""
     now_s, previous = inputs.tick.t_s, state
     angles = [sample for sample in inputs.rudder_angles if abs(sample.rudder_rad) <= MAX_SENSOR_RAD]
-    sensor = angles[-1] if angles else state.sensor
+    sensor, interval_s, min_timeout_s = state.sensor, state.sensor_interval_s, settings.sensor_timeout_s
+    for sample in angles:
+        if sensor is not None:
+            interval_s = learn_interval_s(interval_s, sample.t_s - sensor.t_s, min_timeout_s)
+        sensor = sample
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
-        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s, sensor, state.slew, state.source)
-    elif sensor is not state.sensor:
-        state = msgspec.structs.replace(state, sensor=sensor)
-    is_sensor_fresh = sensor is not None and now_s - sensor.t_s <= settings.sensor_timeout_s
+        state = RudderState(
+            *(state.command_rad, newest, newest.restarts, restarted_s, sensor, state.slew, state.source, interval_s)
+        )
+    elif angles:
+        state = msgspec.structs.replace(state, sensor=sensor, sensor_interval_s=interval_s)
+    is_sensor_fresh = sensor is not None and now_s - sensor.t_s <= timeout_s(interval_s, min_timeout_s)
     measured_rad = sensor.rudder_rad if sensor is not None and is_sensor_fresh else _shaft_angle_rad(settings, state)
     slew = None
     if measured_rad is None and state.feedback is not None:

@@ -52,13 +52,13 @@ class PwmLine:
         """
         chip, channel = self._parts()
         directory = chip / f"pwm{channel}"
-        is_exported = directory.is_dir()
+        is_exported = _is_directory(directory)
         try:
             if not is_exported:
                 _write(chip / "export", channel.encode())
             self._set_up(directory)
         except (OSError, ValueError) as error:
-            if not is_exported and directory.is_dir() and isinstance(error, PermissionError):
+            if not is_exported and _is_directory(directory) and isinstance(error, PermissionError):
                 return
             raise PortError(f"port {self.name}: {_explain_error(chip, error)}") from None
 
@@ -127,8 +127,16 @@ def _write(file: Path, data: bytes) -> None:
         os.close(descriptor)
 
 
+def _is_directory(path: Path) -> bool:
+    """Return whether a path is a directory; False if it cannot be looked up, for which Path.is_dir raises."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
 def _explain_error(chip: Path, error: Exception) -> str:
-    if not chip.is_dir():
+    if not _is_directory(chip):
         return "no such PWM chip; load its overlay (pwm) and correct the path in the vehicle file"
     if isinstance(error, PermissionError):
         return "permission denied; give the group of the service access to /sys/class/pwm (udev rule)"

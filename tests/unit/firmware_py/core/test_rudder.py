@@ -115,6 +115,14 @@ def test_silent_sensor_is_replaced_by_the_servo_after_the_time_out(rudder):
     assert (rudder.events[1:], rudder.severities[1:]) == (["Rudder angle: measured by the sensor"], [Severity.NOTICE])
 
 
+def test_slow_sensor_is_used_for_two_and_a_half_of_its_intervals(rudder):
+    """A sensor of 1 Hz whose samples are late by up to 0.1 s does not alternate with the servo."""
+    ticks = [0, 10, 21, 30, 41]
+    sources = [rudder.tick(0.4, sensor_rad=-0.2 if tick in ticks else None).from_sensor for tick in range(80)]
+    assert sources == [True] * (41 + 28) + [False] * 11  # the longest interval is 1.1 s, 2.5 of them are 2.75 s
+    assert rudder.events == ["Rudder angle: measured by the servo"]
+
+
 def test_silent_sensor_is_replaced_by_the_estimate_from_its_last_angle(rudder):
     rudder.tick(sensor_rad=0.2)
     angles = [rudder.tick(command_rad=0.0).angle_rad for _ in range(13)]

@@ -177,3 +177,12 @@ def test_invalid_names_are_refused(name):
 def test_missing_chip_is_explained(tmp_path):
     with pytest.raises(PortError, match="no such PWM chip; load its overlay"):
         PwmLine(f"pwm:{tmp_path}/pwmchip3/0").open()
+
+
+def test_path_that_cannot_be_looked_up_does_not_end_the_loop():
+    """The kernel refuses such a name itself, as it does a path in a directory without permission."""
+    line = PwmLine(f"pwm:/{'a' * 300}/0")
+    with pytest.raises(PortError, match="no such PWM chip"):
+        line.open()
+    assert line.reopen(1.0) == ""
+    assert not line.connected
