@@ -23,13 +23,12 @@ from dataclasses import dataclass
 
 import msgspec
 
-from firmware_py.actuator import pulse
 from firmware_py.actuator.half_duplex import ReadingWindow, reply_timeout_s
-from firmware_py.actuator.pulse import PulseScale
+from firmware_py.actuator.pulse import PulseOptions, PulseScale
 from firmware_py.actuator.servo_driver import ReplyResult, ServoDriver
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine, Rudder
-from firmware_py.common.options import check, option
+from firmware_py.common.options import option
 from firmware_py.common.records import DeviceState, RudderFeedback
 
 SET_TARGET, SET_SPEED, SET_ACCELERATION, GET_POSITION, GET_ERRORS = 0x84, 0x87, 0x89, 0x90, 0xA1
@@ -42,7 +41,6 @@ MAX_POSITION_AGE_S = 1.5
 QUARTERS_PER_US = 4
 MIN_POSITION, MAX_POSITION = 64 * QUARTERS_PER_US, 3280 * QUARTERS_PER_US  # that a channel can be set to
 MAX_ERRORS = 0x01FF
-MAX_ROUNDING = 4  # quarter microseconds
 _CRC_POLYNOMIAL = 0x91  # x^7 + x^3 + 1, reflected, with the bit that is shifted out
 _ERROR_TEXTS = (
     "serial signal error: wrong baud rate?",
@@ -58,7 +56,7 @@ _ERROR_TEXTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class MaestroOptions:
+class MaestroOptions(PulseOptions):
     """Options of the vehicle file for a Maestro; raises ValueError."""
 
     channel: int = option("channel of the servo", default=0, minimum=0, maximum=23)
@@ -68,19 +66,6 @@ class MaestroOptions:
     acceleration: int = option(
         "acceleration limit, in the unit of the Maestro; 0: none", default=0, minimum=0, maximum=255
     )
-    centre_us: float = pulse.centre_option()
-    us_per_rad: float = pulse.slope_option()
-    minus_us: float | None = pulse.end_pulse_option("-")
-    plus_us: float | None = pulse.end_pulse_option("+")
-    end_deg: float = pulse.end_angle_option()
-    reversed: bool = pulse.reversed_option()
-    min_us: float = pulse.limit_option("shortest", 1000.0)
-    max_us: float = pulse.limit_option("longest", 2000.0)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check(self)
-        pulse.check_pulses(self)
 
 
 def crc7(data: bytes) -> int:

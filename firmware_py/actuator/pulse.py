@@ -9,105 +9,62 @@ installation is calibrated by its options: either a slope (`us_per_rad`), or the
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from dataclasses import dataclass
 
 import msgspec
 
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.options import option
+from firmware_py.common.options import check, option
 
 MIN_PULSE_US, MAX_PULSE_US = 400.0, 2600.0  # that any servo accepts
 DEFAULT_US_PER_RAD = 636.6  # 500 us for 45 degrees
 
 
-class PulseOptions(Protocol):
-    """Options of a servo that is driven by pulses."""
+@dataclass(frozen=True, slots=True)
+class PulseOptions:
+    """Options of the vehicle file for a servo that is driven by pulses; raises ValueError."""
 
-    @property
-    def centre_us(self) -> float:
-        """Pulse width at shaft angle 0."""
-
-    @property
-    def us_per_rad(self) -> float:
-        """Change of the pulse width with the angle."""
-
-    @property
-    def minus_us(self) -> float | None:
-        """Pulse width at -end_deg."""
-
-    @property
-    def plus_us(self) -> float | None:
-        """Pulse width at +end_deg."""
-
-    @property
-    def end_deg(self) -> float:
-        """Angle of minus_us and plus_us."""
-
-    @property
-    def reversed(self) -> bool:
-        """Whether a longer pulse is a smaller angle."""
-
-    @property
-    def min_us(self) -> float:
-        """Shortest pulse."""
-
-    @property
-    def max_us(self) -> float:
-        """Longest pulse."""
-
-
-def centre_option() -> Any:
-    """Return the option `centre_us`."""
-    return option("pulse width at shaft angle 0 [us]", default=1500.0, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US)
-
-
-def slope_option() -> Any:
-    """Return the option `us_per_rad`."""
-    return option(
+    centre_us: float = option(
+        "pulse width at shaft angle 0 [us]", default=1500.0, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US
+    )
+    us_per_rad: float = option(
         "change of the pulse width per radian of the shaft [us]",
         default=DEFAULT_US_PER_RAD,
         minimum=50.0,
         maximum=5000.0,
     )
+    minus_us: float | None = option(
+        "measured pulse width at -end_deg [us], with its counterpart instead of us_per_rad",
+        default=None,
+        minimum=MIN_PULSE_US,
+        maximum=MAX_PULSE_US,
+    )
+    plus_us: float | None = option(
+        "measured pulse width at +end_deg [us], with its counterpart instead of us_per_rad",
+        default=None,
+        minimum=MIN_PULSE_US,
+        maximum=MAX_PULSE_US,
+    )
+    end_deg: float = option("shaft angle of minus_us and plus_us", default=45.0, minimum=5.0, maximum=120.0)
+    reversed: bool = option("whether longer pulses turn to smaller angles; RUD_REVERSE does the same", default=False)
+    min_us: float = option("shortest pulse width sent [us]", default=1000.0, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US)
+    max_us: float = option("longest pulse width sent [us]", default=2000.0, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US)
 
-
-def end_pulse_option(sign: str) -> Any:
-    """Return the option `minus_us` or `plus_us`."""
-    text = f"measured pulse width at {sign}end_deg [us], with its counterpart instead of us_per_rad"
-    return option(text, default=None, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US)
-
-
-def end_angle_option() -> Any:
-    """Return the option `end_deg`."""
-    return option("shaft angle of minus_us and plus_us", default=45.0, minimum=5.0, maximum=120.0)
-
-
-def reversed_option() -> Any:
-    """Return the option `reversed`."""
-    return option("whether longer pulses turn to smaller angles; RUD_REVERSE does the same", default=False)
-
-
-def limit_option(text: str, default: float) -> Any:
-    """Return the option `min_us` or `max_us`."""
-    return option(f"{text} pulse width sent [us]", default=default, minimum=MIN_PULSE_US, maximum=MAX_PULSE_US)
-
-
-def check_pulses(options: PulseOptions) -> None:
-    """Raise ValueError with a line for each contradiction between the options."""
-    problems = []
-    if not options.min_us <= options.centre_us <= options.max_us:
-        problems.append(
-            f"centre_us: {options.centre_us:g} is outside min_us {options.min_us:g} to max_us {options.max_us:g}"
-        )
-    minus_us, plus_us, centre_us = options.minus_us, options.plus_us, options.centre_us
-    if (minus_us is None) is not (plus_us is None):
-        problems.append("minus_us: give minus_us and plus_us, or neither")
-    elif minus_us is not None and plus_us is not None and not (minus_us - centre_us) * (plus_us - centre_us) < 0.0:
-        problems.append(
-            f"minus_us: centre_us {centre_us:g} is not between minus_us {minus_us:g} and plus_us {plus_us:g}"
-        )
-    if problems:
-        raise ValueError("\n".join(problems))
+    def __post_init__(self) -> None:
+        """Check the ranges, and that the pulses do not contradict each other."""
+        check(self)
+        problems = []
+        minus_us, plus_us, centre_us = self.minus_us, self.plus_us, self.centre_us
+        if not self.min_us <= centre_us <= self.max_us:
+            problems.append(f"centre_us: {centre_us:g} is outside min_us {self.min_us:g} to max_us {self.max_us:g}")
+        if (minus_us is None) is not (plus_us is None):
+            problems.append("minus_us: give minus_us and plus_us, or neither")
+        elif minus_us is not None and plus_us is not None and not (minus_us - centre_us) * (plus_us - centre_us) < 0.0:
+            problems.append(
+                f"minus_us: centre_us {centre_us:g} is not between minus_us {minus_us:g} and plus_us {plus_us:g}"
+            )
+        if problems:
+            raise ValueError("\n".join(problems))
 
 
 class PulseScale(msgspec.Struct, frozen=True):

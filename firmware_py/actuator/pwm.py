@@ -12,42 +12,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from firmware_py.actuator import pulse
-from firmware_py.actuator.pulse import PulseScale
+from firmware_py.actuator.pulse import PulseOptions, PulseScale
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine, Rudder
-from firmware_py.common.options import check
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 MAX_FEEDBACK = 8
 NO_PULSE = b"0\n"
 
 
-@dataclass(frozen=True, slots=True)
-class PwmOptions:
-    """Options of the vehicle file for a hobby servo on a PWM output; raises ValueError."""
-
-    centre_us: float = pulse.centre_option()
-    us_per_rad: float = pulse.slope_option()
-    minus_us: float | None = pulse.end_pulse_option("-")
-    plus_us: float | None = pulse.end_pulse_option("+")
-    end_deg: float = pulse.end_angle_option()
-    reversed: bool = pulse.reversed_option()
-    min_us: float = pulse.limit_option("shortest", 1000.0)
-    max_us: float = pulse.limit_option("longest", 2000.0)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check(self)
-        pulse.check_pulses(self)
-
-
 class PwmServo:
     """An interfaces.Rudder that writes one pulse width per command."""
 
-    def __init__(self, line: ByteLine, options: PwmOptions) -> None:
+    def __init__(self, line: ByteLine, options: PulseOptions) -> None:
         """Store the line and the scale."""
         self._line = line
         self._scale = PulseScale.of(options)
@@ -113,7 +91,7 @@ class PwmServo:
 DRIVER: Driver[Rudder] = Driver(
     interface=INTERFACE,
     device="hobby servo on a PWM output of the computer (Linux pwmchip); angle not measured",
-    options=PwmOptions,
+    options=PulseOptions,
     make=PwmServo,
     writes=True,
     port="pwm:",

@@ -62,8 +62,8 @@ class RudderSettings(msgspec.Struct, frozen=True):
 class RudderState(msgspec.Struct, frozen=True):
     """Last rudder command, last servo feedback, number of servo restarts and time of the last one.
 
-    `sensor` is the last sample of the rudder angle sensor, `sensor_interval_s` its learned interval. `slew` is the estimate of an angle that is not measured;
-    None while it is measured and before the first feedback.
+    `sensor` is the last sample of the rudder angle sensor, `sensor_interval_s` its learned interval. `slew` is the
+    estimate of an angle that is not measured; None while it is measured and before the first feedback.
     """
 
     command_rad: float = 0.0

@@ -87,7 +87,7 @@ def update(
 
 def rate_at(state: GyroState, t_s: float) -> float:
     """Return the yaw rate for the filter at a time; NaN: none that is used and recent."""
-    if not state.is_used or state.rate_t_s is None or abs(t_s - state.rate_t_s) > MAX_AGE_S:
+    if not state.is_used or state.rate_t_s is None or not abs(t_s - state.rate_t_s) <= MAX_AGE_S:
         return math.nan
     return state.rate_rad_s
 

@@ -10,8 +10,8 @@ from firmware_py.actuator import dynamixel_frames, feetech_protocol, volz_frames
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.maestro import MaestroOptions, maestro_rudder
-from firmware_py.actuator.pulse import PulseScale
-from firmware_py.actuator.pwm import PwmOptions, PwmServo
+from firmware_py.actuator.pulse import PulseOptions, PulseScale
+from firmware_py.actuator.pwm import PwmServo
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
 from support.line import FakeLine
@@ -134,7 +134,7 @@ DRIVERS = {
     "volz": lambda line: volz_rudder(line, VolzOptions()),
     "feetech": lambda line: feetech_rudder(line, FeetechOptions()),
     "maestro": lambda line: maestro_rudder(line, MaestroOptions(crc=True)),
-    "pwm": lambda line: PwmServo(line, PwmOptions()),
+    "pwm": lambda line: PwmServo(line, PulseOptions()),
 }
 
 
@@ -178,6 +178,6 @@ def test_hobby_servo_never_reports_an_angle(driver, steps):
 
 @given(st.floats(-10.0, 10.0), st.floats(450.0, 2550.0), st.floats(50.0, 5000.0))
 def test_pulse_widths_are_within_the_limits_and_increase_with_the_angle(angle_rad, centre_us, us_per_rad):
-    scale = PulseScale.of(PwmOptions(centre_us=centre_us, us_per_rad=us_per_rad, min_us=450.0, max_us=2550.0))
+    scale = PulseScale.of(PulseOptions(centre_us=centre_us, us_per_rad=us_per_rad, min_us=450.0, max_us=2550.0))
     assert 450.0 <= scale.pulse_us(angle_rad) <= 2550.0
     assert scale.pulse_us(angle_rad) <= scale.pulse_us(angle_rad + 0.1)

@@ -5,14 +5,13 @@ import math
 import pytest
 
 from firmware_py.actuator.maestro import MaestroOptions
-from firmware_py.actuator.pulse import PulseScale
-from firmware_py.actuator.pwm import PwmOptions
+from firmware_py.actuator.pulse import PulseOptions, PulseScale
 from firmware_py.common.options import record_from
 
 DEG = math.pi / 180.0
 
 
-@pytest.fixture(params=[PwmOptions, MaestroOptions])
+@pytest.fixture(params=[PulseOptions, MaestroOptions])
 def make(request):
     """Function that reads options as from a vehicle file."""
     return lambda **values: record_from(request.param, values)

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from firmware_py.actuator.pwm import PwmOptions, PwmServo
+from firmware_py.actuator.pulse import PulseOptions
+from firmware_py.actuator.pwm import PwmServo
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 
@@ -17,7 +18,7 @@ def line(fakes):
 
 @pytest.fixture
 def servo(line):
-    return PwmServo(line, PwmOptions(us_per_rad=500.0))
+    return PwmServo(line, PulseOptions(us_per_rad=500.0))
 
 
 def test_command_is_a_pulse_width_in_nanoseconds(servo, line):

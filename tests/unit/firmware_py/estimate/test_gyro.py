@@ -67,6 +67,7 @@ def test_slow_turn_is_no_evidence_of_the_direction():
 def test_old_rate_is_not_used(age_s, is_used):
     boat = Boat().run(40.0, turn=1.0)
     assert math.isnan(boat.rate(age_s)) is not is_used
+    assert math.isnan(boat.rate(math.nan))  # the filter has not started
 
 
 def test_drift_is_estimated_and_subtracted():
