@@ -268,9 +268,9 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
     if driver is None:
         raise VehicleError(f"{location} driver is missing; use one of {', '.join(drivers)}")
     if not isinstance(driver, str) or driver not in drivers:
-        names = ", ".join(drivers)
+        known = ", ".join(drivers)
         raise VehicleError(
-            f"{location} driver {str(driver)[:60]!r} is not known; use one of {names}, or install its package"
+            f"{location} driver {str(driver)[:60]!r} is not known; use one of {known}, or install its package"
         )
     found = drivers[driver]
     kind = found.options

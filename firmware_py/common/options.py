@@ -69,11 +69,14 @@ def _problem_of(value: Any, row: Field[Any], kind: Any) -> str:
 def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     """Build an options record from the values of a file, whose names must be options of it.
 
-    Raises ValueError with a line for each option that is missing, of the wrong type or out of range.
+    Raises ValueError with a line for each option that is missing, of the wrong type or out of range, and if the record
+    refuses the values with any other error; TypeError for a record with fields that cannot be read.
     """
     rows = {row.name: row for row in fields(kind)}  # type: ignore[arg-type]
     problems = [f"{name}{MISSING_TEXT}" for name, row in rows.items() if name not in values and row.default is MISSING]
     types = get_type_hints(kind)
+    if unreadable := [name for name, row in rows.items() if types[name] not in _READERS or _KEY not in row.metadata]:
+        raise TypeError(f"{', '.join(unreadable)}: not declared by option(), or of a type that is not supported")
     checked: dict[str, Any] = {}
     for name, value in values.items():
         try:
@@ -84,7 +87,12 @@ def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
             problems += filter(None, [_problem_of(checked[name], rows[name], types[name])])
     if problems:
         raise ValueError("\n".join(problems))
-    return kind(**checked)
+    try:
+        return kind(**checked)
+    except ValueError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the record may belong to a package of another author
+        raise ValueError(f"options refused by the driver: {type(error).__name__}: {error}") from None
 
 
 def _meaning_of(row: Field[Any]) -> OptionMeaning:

@@ -30,7 +30,7 @@ MAX_AGE_S: Final = 15.0  # of a measurement
 MAX_FAULT_AGE_S: Final = 5.0
 _ROLES: Final = (DeviceRole.WIND, DeviceRole.DEPTH)
 _NAMES: Final = ("Wind sensor", "Depth sensor")
-_LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY)
+_LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY, DeviceState.FAILED)
 
 
 class InstrumentLimits(msgspec.Struct, frozen=True):

@@ -12,12 +12,13 @@ OWN = {"mti": "firmware_py.sensors.mti:DRIVER", "nmea": "firmware_py.sensors.nme
 MODULE = """
 from dataclasses import dataclass
 from firmware_py.common.driver import Driver
+from firmware_py.common.options import option
 from firmware_py.devices import NoOptions
 class Strange:
     pass
 @dataclass
 class NeedsOption:
-    needed: int
+    needed: int = option("an option")
 DRIVER = Driver(interface={interface}, device="Acme", options={options}, make=lambda line, options: None)
 OTHER = Strange()
 """

@@ -59,6 +59,35 @@ def test_error_of_an_invalid_option_names_it(values, problem):
     assert problem in str(error_info.value)
 
 
+@dataclass(frozen=True, slots=True)
+class Undeclared:
+    height_m: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Unsupported:
+    sizes: bytes = option("sizes", default=None)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Undeclared, "height_m"), (Unsupported, "sizes")])
+def test_record_with_a_field_that_cannot_be_read_is_refused_before_it_has_a_value(kind, name):
+    with pytest.raises(TypeError, match=rf"{name}: not declared by option\(\), or of a type that is not supported"):
+        record_from(kind, {})
+
+
+def test_any_error_of_a_record_is_a_refusal_of_its_values():
+    @dataclass(frozen=True, slots=True)
+    class Hasty:
+        number: int = option("number", default=1)
+
+        def __post_init__(self):
+            {1: 2}[self.number]
+
+    assert record_from(Hasty, {"number": 1}) == Hasty(1)
+    with pytest.raises(ValueError, match=r"^options refused by the driver: KeyError: 3$"):
+        record_from(Hasty, {"number": 3})
+
+
 def test_record_created_without_a_file_is_checked():
     with pytest.raises(ValueError, match=r"number: 2\.5 is not a whole number"):
         Lamp("x", number=2.5)

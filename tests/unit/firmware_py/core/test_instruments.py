@@ -127,7 +127,7 @@ def test_limits_are_those_of_the_parameters():
 
 
 @pytest.mark.parametrize(("role", "name"), [(DeviceRole.WIND, "Wind sensor"), (DeviceRole.DEPTH, "Depth sensor")])
-@pytest.mark.parametrize("lost", [DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY])
+@pytest.mark.parametrize("lost", [DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY, DeviceState.FAILED])
 def test_silence_and_recovery_are_reported(role, name, lost):
     state, events = instruments.report_silence(InstrumentState(), (health(role, DeviceState.RUNNING),))
     assert events == ()
