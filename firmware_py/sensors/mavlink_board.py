@@ -9,12 +9,15 @@ may forward those of its radio and of its peripherals. Received messages become 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, TypeVar
 
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.options import option
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.options import check, option
+from firmware_py.common.records import DeviceHealth, DeviceRole
+from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
 from firmware_py.sensors.mavlink_frames import (
     MAV_AUTOPILOT_INVALID,
     MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -26,7 +29,9 @@ from firmware_py.sensors.mavlink_frames import (
     create_framer,
     decode_frame,
 )
-from firmware_py.sensors.message_error import CHECKSUM
+from firmware_py.sensors.message_error import CHECKSUM, MessageError
+
+SampleT = TypeVar("SampleT")
 
 HEARTBEAT_INTERVAL_S = 1.0
 REQUEST_INTERVAL_S, LATER_REQUEST_INTERVAL_S = 1.0, 5.0
@@ -37,6 +42,7 @@ MIN_MISSING_S, MISSING_INTERVALS = 2.0, 3.0  # a message is missing after the lo
 MAX_HEARTBEAT_GAP_S = 2.5  # after a longer gap all messages are requested again
 MAX_CANDIDATES = 8
 MIN_RUN_BACK_MS = 1000  # the time since boot runs back: the board has restarted
+MAX_SAMPLES = 512  # between two polls
 
 _ONBOARD_COMPUTER = 191  # component id of onboard computer 1; the others follow
 COMPASS_COMPONENT, POSITION_COMPONENT, POWER_COMPONENT = _ONBOARD_COMPUTER, _ONBOARD_COMPUTER + 1, _ONBOARD_COMPUTER + 2
@@ -48,21 +54,21 @@ _DEFAULT_SYSTEM = 1  # of the own heartbeats before the board is known
 Address = tuple[int, int]  # system and component
 
 
-def system_option() -> int:
-    """Declare the option for the system id."""
-    value: int = option(
+@dataclass(frozen=True, slots=True)
+class MavlinkOptions:
+    """Options of the vehicle file that select the flight controller; raises ValueError."""
+
+    system: int = option(
         "MAVLink system id of the flight controller; 0: the first that sends two heartbeats",
         default=0,
         minimum=0,
         maximum=255,
     )
-    return value
+    component: int = option("MAVLink component id of the flight controller", default=1, minimum=1, maximum=255)
 
-
-def component_option() -> int:
-    """Declare the option for the component id."""
-    value: int = option("MAVLink component id of the flight controller", default=1, minimum=1, maximum=255)
-    return value
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
 
 
 class Wanted(NamedTuple):
@@ -232,3 +238,60 @@ class FlightController:
             self._line.write(self._encoder.message_interval(*self._address, row.message, row.rate_hz))
         for stream, rate_hz in {row.stream: row.rate_hz for row in groups}.items():
             self._line.write(self._encoder.data_stream(*self._address, stream, rate_hz))
+
+
+class MavlinkDevice(Generic[SampleT]):
+    """Common part of the drivers: a subclass makes samples of the messages of the board."""
+
+    def __init__(
+        self,
+        line: ByteLine,
+        options: MavlinkOptions,
+        role: DeviceRole,
+        component: int,
+        wanted: Sequence[Wanted],
+        silent_after_s: float = SILENT_AFTER_S,
+    ) -> None:
+        """Store the line; `component` is the own component id, `wanted` are the messages to request."""
+        self._line = line
+        self._monitor = DeviceMonitor(line, role, silent_after_s)
+        address = (options.system, options.component)
+        self._board = FlightController(line, self._monitor, address, component, wanted)
+        self._samples: deque[SampleT] = deque(maxlen=MAX_SAMPLES)
+        self._restarts = 0
+
+    def fileno(self) -> int:
+        """Return the descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
+        for frame in self._board.receive(now_s):
+            self._notice_restart()
+            try:
+                self._handle(frame, now_s)
+            except MessageError as error:
+                self._monitor.reject(now_s, str(error))
+        self._notice_restart()
+
+    def poll(self) -> Sequence[SampleT]:
+        """Return the samples since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """Return the state of the device."""
+        return self._monitor.health(now_s)
+
+    def _notice_restart(self) -> None:
+        if self._board.restarts != self._restarts:
+            self._restarts = self._board.restarts
+            self._forget()
+
+    def _handle(self, frame: Frame, now_s: float) -> None:
+        """Process a message of the board; may raise MessageError."""
+        raise NotImplementedError
+
+    def _forget(self) -> None:
+        """Discard the values from before a restart of the board."""

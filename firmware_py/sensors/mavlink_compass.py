@@ -11,22 +11,18 @@ the bow. The yaw of ATTITUDE refers to true north if the flight controller knows
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.options import check, option
+from firmware_py.common.options import option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.device_monitor import NO_HEADING_YET, DeviceMonitor
+from firmware_py.sensors.device_monitor import NO_HEADING_YET
 from firmware_py.sensors.mavlink_board import (
     COMPASS_COMPONENT,
-    FlightController,
+    MavlinkDevice,
+    MavlinkOptions,
     Wanted,
-    component_option,
-    system_option,
 )
 from firmware_py.sensors.mavlink_frames import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -35,12 +31,11 @@ from firmware_py.sensors.mavlink_frames import (
     Message,
     Stream,
 )
-from firmware_py.sensors.message_error import MessageError, check_range
+from firmware_py.sensors.message_error import check_range
+from firmware_py.sensors.mounting import VERTICAL, Mounting, rotation
 
 STATUS_RATE_HZ = 2.0
 STATUS_TIMEOUT_S = 3.0  # without a report of the estimator for this time, its headings are not valid
-MAX_SAMPLES = 512  # between two polls
-MAX_PITCH_RAD = radians(80.0)  # near 90 degrees, heading and roll turn about the same axis
 MAX_RATE_RAD_S = 40.0  # the largest range of a gyroscope is 2000 deg/s, 35 rad/s
 MAX_TEST_RATIO = 1.0  # of the innovation of the magnetometer; the filter rejects a larger one
 
@@ -51,11 +46,9 @@ NO_STATUS = "heading not valid: no estimator status"
 
 
 @dataclass(frozen=True, slots=True)
-class MavlinkCompassOptions:
+class MavlinkCompassOptions(MavlinkOptions):
     """Options of the vehicle file for a flight controller as compass; raises ValueError."""
 
-    system: int = system_option()
-    component: int = component_option()
     rate_hz: int = option("headings per second, an integer", default=10, minimum=1, maximum=50)
     reference: str = option(
         "north of the yaw; magnetic if the flight controller does not correct for the declination",
@@ -67,66 +60,40 @@ class MavlinkCompassOptions:
         default=True,
     )
 
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check(self)
 
-
-class MavlinkCompass:
+class MavlinkCompass(MavlinkDevice[HeadingSample]):
     """Returns the yaw of ATTITUDE while the estimator of the flight controller reports that its attitude is valid.
 
     A heading is not valid without such a report for STATUS_TIMEOUT_S, after a restart until the next report, and while
-    the estimator rejects its magnetometer. The yaw rate is computed from the rates of the three axes.
+    the estimator rejects its magnetometer, or near a vertical position, where yaw and roll turn about the same axis.
     """
 
     def __init__(self, line: ByteLine, options: MavlinkCompassOptions) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
         wanted = (
             Wanted(Message.ATTITUDE, options.rate_hz, Stream.EXTRA1),
             Wanted(Message.EKF_STATUS_REPORT, STATUS_RATE_HZ, Stream.EXTRA3, MAV_AUTOPILOT_ARDUPILOTMEGA),
             Wanted(Message.ESTIMATOR_STATUS, STATUS_RATE_HZ, Stream.EXTRA3, MAV_AUTOPILOT_PX4),
         )
-        address = (options.system, options.component)
-        self._board = FlightController(line, self._monitor, address, COMPASS_COMPONENT, wanted)
+        super().__init__(line, options, DeviceRole.COMPASS, COMPASS_COMPONENT, wanted)
+        self._mounting = Mounting("none")
         self._reference = NorthReference.TRUE if options.reference == "true" else NorthReference.MAGNETIC
         self._requires_status = options.require_status
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
-        self._restarts = 0
         self._status_s: float | None = None  # time of the last report, or of the first attitude before it
         self._is_valid = False  # by the last report
         self._fault = ""
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
+        self._is_vertical = False
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
-        for frame in self._board.receive(now_s):
-            if self._board.restarts != self._restarts:
-                self._forget_status()
-            try:
-                self._handle(frame, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-        if self._board.restarts != self._restarts:
-            self._forget_status()
+        super().receive(now_s)
         self._monitor.note(self._board.other_text)
-
-    def poll(self) -> Sequence[HeadingSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; FAULTY while the estimator is not valid. Each attitude counts as accepted."""
-        return self._monitor.health(now_s, self._fault)
+        return self._monitor.health(now_s, self._fault or (VERTICAL if self._is_vertical else ""))
 
-    def _forget_status(self) -> None:
-        self._restarts = self._board.restarts
+    def _forget(self) -> None:
         self._status_s = None
         self._is_valid = False
         self._fault = ""
@@ -153,23 +120,26 @@ class MavlinkCompass:
         self._is_valid = not self._fault
 
     def _handle_attitude(self, fields: tuple[float, ...], now_s: float) -> None:
-        _, roll_rad, pitch_rad, yaw_rad, *rates_rad_s = fields
+        _, roll_rad, pitch_rad, yaw_rad, *rates_rad_s = fields  # about x (bow), y (starboard), z (down)
         check_range(roll_rad, -math.pi - _ANGLE_TOLERANCE_RAD, math.pi + _ANGLE_TOLERANCE_RAD, "roll")
         check_range(pitch_rad, -math.pi / 2 - _ANGLE_TOLERANCE_RAD, math.pi / 2 + _ANGLE_TOLERANCE_RAD, "pitch")
         check_range(yaw_rad, -math.pi - _ANGLE_TOLERANCE_RAD, math.tau + _ANGLE_TOLERANCE_RAD, "yaw")
         for rate_rad_s in rates_rad_s:
             check_range(rate_rad_s, -MAX_RATE_RAD_S, MAX_RATE_RAD_S, "rate of turn")
         self._monitor.accept(now_s)
-        if not self._is_heading_valid(now_s):
+        x_rad_s, y_rad_s, z_rad_s = rates_rad_s
+        boat = self._mounting.boat_attitude(rotation(roll_rad, pitch_rad, yaw_rad), (x_rad_s, y_rad_s, z_rad_s))
+        self._is_vertical = boat is None
+        if not self._is_heading_valid(now_s) or boat is None:
             return
         self._samples.append(
             HeadingSample(
                 t_s=now_s,
-                heading_rad=wrap_two_pi(yaw_rad),
+                heading_rad=boat.heading_rad,
                 reference=self._reference,
-                yaw_rate_rad_s=_compute_yaw_rate_rad_s(roll_rad, pitch_rad, rates_rad_s[1], rates_rad_s[2]),
-                roll_rad=max(-math.pi, min(math.pi, roll_rad)),
-                pitch_rad=pitch_rad,
+                yaw_rate_rad_s=boat.yaw_rate_rad_s,
+                roll_rad=boat.roll_rad,
+                pitch_rad=boat.pitch_rad,
             )
         )
 
@@ -182,16 +152,6 @@ class MavlinkCompass:
             self._is_valid = False
             self._fault = NO_STATUS
         return self._is_valid
-
-
-def _compute_yaw_rate_rad_s(roll_rad: float, pitch_rad: float, y_rad_s: float, z_rad_s: float) -> float | None:
-    """Return the rate of the heading from the rates about the axes of the body; None for a nearly vertical board.
-
-    Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2011, equation 2.41.
-    """
-    if abs(pitch_rad) > MAX_PITCH_RAD:
-        return None
-    return (y_rad_s * math.sin(roll_rad) + z_rad_s * math.cos(roll_rad)) / math.cos(pitch_rad)
 
 
 DRIVER = Driver(

@@ -6,8 +6,7 @@ Source: the definitions of GPS_RAW_INT, GLOBAL_POSITION_INT and SYSTEM_TIME in c
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -16,24 +15,21 @@ from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.options import option
+from firmware_py.common.records import DeviceRole, FixType, PositionSample
 from firmware_py.sensors.mavlink_board import (
     POSITION_COMPONENT,
-    FlightController,
+    MavlinkDevice,
+    MavlinkOptions,
     Wanted,
-    component_option,
-    system_option,
 )
 from firmware_py.sensors.mavlink_frames import Frame, Message, Stream
-from firmware_py.sensors.message_error import MessageError, check_range
+from firmware_py.sensors.message_error import check_range
 
 TIME_RATE_HZ = 1.0
 MAX_TIME_AGE_S = 3.0  # of SYSTEM_TIME
 MAX_FIX_AGE_S = 3.0  # of GPS_RAW_INT, for positions of the estimator
 MAX_POSITION_ERROR_M = 50.0  # assumed by estimate.position; exceeded after a cold start or under jamming
-MAX_SAMPLES = 512  # between two polls
 
 _UNKNOWN_U16, _UNKNOWN_U8 = 0xFFFF, 0xFF
 _MIN_UTC_S, _MAX_UTC_S = 946_684_800.0, 4_102_444_800.0  # 2000 to 2100; a clock that is not set starts in 1970
@@ -49,11 +45,9 @@ _FIX_TYPES: Mapping[int, FixType] = {
 
 
 @dataclass(frozen=True, slots=True)
-class MavlinkPositionOptions:
+class MavlinkPositionOptions(MavlinkOptions):
     """Options of the vehicle file for a flight controller as position sensor; raises ValueError."""
 
-    system: int = system_option()
-    component: int = component_option()
     rate_hz: int = option("fixes per second, an integer", default=1, minimum=1, maximum=10)
     solution: str = option(
         "position and velocity of the GNSS receiver, or of the estimator while the receiver has a fix",
@@ -61,23 +55,18 @@ class MavlinkPositionOptions:
         choices=("receiver", "estimator"),
     )
 
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check(self)
 
-
-class MavlinkPosition:
+class MavlinkPosition(MavlinkDevice[PositionSample]):
     """Returns one sample for each new GPS_RAW_INT, or for each GLOBAL_POSITION_INT (`solution` estimator).
 
     The estimator of a flight controller continues without a receiver for some time, and does not say so in
     GLOBAL_POSITION_INT. So its position counts as a fix only while GPS_RAW_INT reports one. A GPS_RAW_INT with the
-    time stamp of the previous one is an old measurement and gives no sample. The time is that of SYSTEM_TIME.
+    time stamp of the previous one is an old measurement and gives no sample. The time is that of SYSTEM_TIME. Every
+    position message counts as accepted, also one without a fix.
     """
 
     def __init__(self, line: ByteLine, options: MavlinkPositionOptions) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._uses_estimator = options.solution == "estimator"
         wanted = [
             Wanted(Message.GPS_RAW_INT, options.rate_hz, Stream.EXTENDED_STATUS),
@@ -85,38 +74,13 @@ class MavlinkPosition:
         ]
         if self._uses_estimator:
             wanted.append(Wanted(Message.GLOBAL_POSITION_INT, options.rate_hz, Stream.POSITION))
-        address = (options.system, options.component)
-        self._board = FlightController(line, self._monitor, address, POSITION_COMPONENT, wanted)
-        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
-        self._restarts = 0
+        super().__init__(line, options, DeviceRole.POSITION, POSITION_COMPONENT, wanted)
         self._fix: PositionSample | None = None  # of the last GPS_RAW_INT
         self._fix_time_us = 0
         self._utc: tuple[float, float] | None = None  # UTC, and time of its arrival
 
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
-
-    def receive(self, now_s: float) -> None:
-        """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
-        for frame in self._board.receive(now_s):
-            if self._board.restarts != self._restarts:
-                self._restarts = self._board.restarts
-                self._fix, self._fix_time_us, self._utc = None, 0, None
-            try:
-                self._handle(frame, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-
-    def poll(self) -> Sequence[PositionSample]:
-        """Return the fixes since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every position message counts as accepted, also one without a fix."""
-        return self._monitor.health(now_s)
+    def _forget(self) -> None:
+        self._fix, self._fix_time_us, self._utc = None, 0, None
 
     def _handle(self, frame: Frame, now_s: float) -> None:
         self._monitor.note_unused("connected, no position yet")

@@ -5,84 +5,50 @@ Source: the definitions of BATTERY_STATUS and SYS_STATUS in common.xml.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.options import option
+from firmware_py.common.records import DeviceRole, PowerSample
 from firmware_py.sensors.mavlink_board import (
     POWER_COMPONENT,
-    FlightController,
+    MavlinkDevice,
+    MavlinkOptions,
     Wanted,
-    component_option,
-    system_option,
 )
 from firmware_py.sensors.mavlink_frames import Frame, Message, Stream
-from firmware_py.sensors.message_error import MessageError, check_range
+from firmware_py.sensors.message_error import check_range
 
 RATE_HZ = 1.0
 SILENT_AFTER_S = 5.0
 SUMMARY_AFTER_S = 5.0  # SYS_STATUS is used if there has been no BATTERY_STATUS for this time
-MAX_SAMPLES = 64  # between two polls
 
 _UNKNOWN_U16, _UNKNOWN_TEMPERATURE, _UNKNOWN_CURRENT, _UNKNOWN_CHARGE = 0xFFFF, 0x7FFF, -1, -1
 
 
 @dataclass(frozen=True, slots=True)
-class MavlinkPowerOptions:
+class MavlinkPowerOptions(MavlinkOptions):
     """Options of the vehicle file for a flight controller as battery monitor; raises ValueError."""
 
-    system: int = system_option()
-    component: int = component_option()
     battery: int = option("number of the battery (id of BATTERY_STATUS)", default=0, minimum=0, maximum=255)
 
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check(self)
 
+class MavlinkPower(MavlinkDevice[PowerSample]):
+    """Returns one sample for each BATTERY_STATUS of the battery; for battery 0 of SYS_STATUS if there is none.
 
-class MavlinkPower:
-    """Returns one sample for each BATTERY_STATUS of the battery; for battery 0 of SYS_STATUS if there is none."""
+    Every message about the battery counts as accepted.
+    """
 
     def __init__(self, line: ByteLine, options: MavlinkPowerOptions) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POWER, SILENT_AFTER_S)
         wanted = (
             Wanted(Message.BATTERY_STATUS, RATE_HZ, Stream.EXTRA3),
             Wanted(Message.SYS_STATUS, RATE_HZ, Stream.EXTENDED_STATUS),
         )
-        address = (options.system, options.component)
-        self._board = FlightController(line, self._monitor, address, POWER_COMPONENT, wanted)
+        super().__init__(line, options, DeviceRole.POWER, POWER_COMPONENT, wanted, SILENT_AFTER_S)
         self._battery = options.battery
-        self._samples: deque[PowerSample] = deque(maxlen=MAX_SAMPLES)
         self._status_s: float | None = None  # time of the last BATTERY_STATUS of the battery
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
-
-    def receive(self, now_s: float) -> None:
-        """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
-        for frame in self._board.receive(now_s):
-            try:
-                self._handle(frame, now_s)
-            except MessageError as error:
-                self._monitor.reject(now_s, str(error))
-
-    def poll(self) -> Sequence[PowerSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every message about the battery counts as accepted."""
-        return self._monitor.health(now_s)
 
     def _handle(self, frame: Frame, now_s: float) -> None:
         self._monitor.note_unused("connected, no battery yet")

@@ -52,10 +52,14 @@ def test_heading_yaw_rate_and_tilt(rig):
     assert rig.health(1.0) == (DeviceState.RUNNING, "")
 
 
-@pytest.mark.parametrize(("pitch_deg", "is_known"), [(79.0, True), (-79.0, True), (81.0, False), (-81.0, False)])
-def test_yaw_rate_of_a_nearly_vertical_board_is_unknown(rig, pitch_deg, is_known):
-    (sample,) = rig.samples(1.0, rig.board.ekf(), rig.board.attitude(pitch_deg=pitch_deg))
-    assert (sample.yaw_rate_rad_s is not None) == is_known
+@pytest.mark.parametrize(("pitch_deg", "is_used"), [(79.0, True), (-79.0, True), (81.0, False), (-81.0, False)])
+def test_nearly_vertical_board_has_no_heading(rig, pitch_deg, is_used):
+    samples = rig.samples(1.0, rig.board.ekf(), rig.board.attitude(pitch_deg=pitch_deg))
+    assert bool(samples) is is_used
+    vertical = (DeviceState.FAULTY, "boat seems vertical: check the mounting")
+    assert rig.health(1.0) == ((DeviceState.RUNNING, "") if is_used else vertical)
+    assert rig.headings(1.1, rig.board.attitude()) == [98.5]
+    assert rig.health(1.1) == (DeviceState.RUNNING, "")
 
 
 def test_reference_may_be_magnetic(line):
@@ -168,8 +172,9 @@ def test_yaw_of_either_range_is_read(rig, yaw_rad, heading_rad):
 def test_limits_in_single_precision_are_accepted(rig, angles):
     """Single precision rounds all these limits outwards."""
     attitude = rig.board.pack(dialect.MAVLink_attitude_message(1, *angles, 40.0, -40.0, 0.0))
-    (sample,) = rig.samples(1.0, rig.board.ekf(), attitude)
-    assert abs(sample.roll_rad) <= math.pi
+    assert list(rig.samples(1.0, rig.board.ekf(), attitude)) == []  # it is vertical
+    health = rig.compass.health(1.0)
+    assert (health.accepted, health.rejected) == (1, 0)
 
 
 def test_second_autopilot_is_ignored_and_reported(rig):
