@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
@@ -32,7 +33,7 @@ MAX_FIX_AGE_S = 3.0  # of GPS_RAW_INT, for positions of the estimator
 MAX_POSITION_ERROR_M = 50.0  # assumed by estimate.position; exceeded after a cold start or under jamming
 
 _UNKNOWN_U16, _UNKNOWN_U8 = 0xFFFF, 0xFF
-_MIN_UTC_S, _MAX_UTC_S = 946_684_800.0, 4_102_444_800.0  # 2000 to 2100; a clock that is not set starts in 1970
+_MIN_UTC_S = 946_684_800.0  # 2000; a clock that is not set starts in 1970
 # GPS_FIX_TYPE; 7 (static) is that of a base station, 8 a precise point position.
 _FIX_TYPES: Mapping[int, FixType] = {
     2: FixType.FIX_2D,
@@ -86,7 +87,7 @@ class MavlinkPosition(MavlinkDevice[PositionSample]):
         self._monitor.note_unused("connected, no position yet")
         if frame.message is Message.SYSTEM_TIME:
             utc_s = frame.fields[0] * 1e-6
-            self._utc = (utc_s, now_s) if _MIN_UTC_S <= utc_s <= _MAX_UTC_S else None
+            self._utc = (utc_s, now_s) if _MIN_UTC_S <= utc_s <= LAST_UTC_S else None
         elif frame.message is Message.GPS_RAW_INT:
             time_us = frame.fields[0]
             if time_us != 0 and time_us == self._fix_time_us:

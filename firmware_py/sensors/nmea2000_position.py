@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
@@ -153,12 +154,12 @@ def _find_fault(values: Values, fix: FixType) -> str:
 
 
 def utc_of(values: Values) -> float | None:
-    """Return the UTC of the fields date (days since 1970-01-01) and time (since midnight), None before 1980."""
+    """Return the UTC of the date (days since 1970-01-01) and time (since midnight); None before 1980, after 2099."""
     days, time_s = values["date_days"], values["time_s"]
     if days is None or time_s is None:
         return None
     utc_s = days * _SECONDS_PER_DAY + time_s
-    return utc_s if utc_s >= MIN_UTC_S else None
+    return utc_s if MIN_UTC_S <= utc_s <= LAST_UTC_S else None
 
 
 def _to_int(value: float | None) -> int | None:

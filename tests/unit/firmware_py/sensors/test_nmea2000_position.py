@@ -77,7 +77,9 @@ def test_positions_that_are_not_used(deliver, receiver, change, reason):
      ({"utc_s": 315532800.0}, "utc_s", 315532800.0), ({"place": (50.0, None)}, "fix", FixType.NONE),
      ({"place": (None, 50.0)}, "fix", FixType.NONE),
      ({"hdop": None}, "hdop", None), ({"hdop": -1.0}, "hdop", None), ({"satellites": 255}, "satellites", None),
-     ({"utc_s": None}, "utc_s", None), ({"utc_s": 3e8}, "utc_s", None), ({"integrity": 2}, "fix", FixType.FIX_3D)],
+     ({"utc_s": None}, "utc_s", None), ({"utc_s": 3e8}, "utc_s", None),
+     ({"utc_s": 4102444800.0}, "utc_s", 4102444800.0), ({"utc_s": 4102444801.0}, "utc_s", None),
+     ({"integrity": 2}, "fix", FixType.FIX_3D)],
 )  # fmt: skip
 def test_values_that_are_not_available(deliver, receiver, change, name, expected):
     (sample,) = deliver(receiver, gnss(**change))
