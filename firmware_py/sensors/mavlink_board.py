@@ -9,14 +9,13 @@ may forward those of its radio and of its peripherals. Received messages become 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole
+from firmware_py.common.records import DeviceRole
 from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
 from firmware_py.sensors.mavlink_frames import (
     MAV_AUTOPILOT_INVALID,
@@ -30,8 +29,7 @@ from firmware_py.sensors.mavlink_frames import (
     decode_frame,
 )
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
-
-SampleT = TypeVar("SampleT")
+from firmware_py.sensors.sensor_driver import SampleT, SensorDriver
 
 HEARTBEAT_INTERVAL_S = 1.0
 REQUEST_INTERVAL_S, LATER_REQUEST_INTERVAL_S = 1.0, 5.0
@@ -42,7 +40,6 @@ MIN_MISSING_S, MISSING_INTERVALS = 2.0, 3.0  # a message is missing after the lo
 MAX_HEARTBEAT_GAP_S = 2.5  # after a longer gap all messages are requested again
 MAX_CANDIDATES = 8
 MIN_RUN_BACK_MS = 1000  # the time since boot runs back: the board has restarted
-MAX_SAMPLES = 512  # between two polls
 
 _ONBOARD_COMPUTER = 191  # component id of onboard computer 1; the others follow
 COMPASS_COMPONENT, POSITION_COMPONENT, POWER_COMPONENT = _ONBOARD_COMPUTER, _ONBOARD_COMPUTER + 1, _ONBOARD_COMPUTER + 2
@@ -240,7 +237,7 @@ class FlightController:
             self._line.write(self._encoder.data_stream(*self._address, stream, rate_hz))
 
 
-class MavlinkDevice(Generic[SampleT]):
+class MavlinkDevice(SensorDriver[SampleT]):
     """Common part of the drivers: a subclass makes samples of the messages of the board."""
 
     def __init__(
@@ -253,16 +250,10 @@ class MavlinkDevice(Generic[SampleT]):
         silent_after_s: float = SILENT_AFTER_S,
     ) -> None:
         """Store the line; `component` is the own component id, `wanted` are the messages to request."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, role, silent_after_s)
+        super().__init__(line, role, silent_after_s)
         address = (options.system, options.component)
         self._board = FlightController(line, self._monitor, address, component, wanted)
-        self._samples: deque[SampleT] = deque(maxlen=MAX_SAMPLES)
         self._restarts = 0
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
@@ -273,16 +264,6 @@ class MavlinkDevice(Generic[SampleT]):
             except MessageError as error:
                 self._monitor.reject(now_s, str(error))
         self._notice_restart()
-
-    def poll(self) -> Sequence[SampleT]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state of the device."""
-        return self._monitor.health(now_s)
 
     def _notice_restart(self) -> None:
         if self._board.restarts != self._restarts:

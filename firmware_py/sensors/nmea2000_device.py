@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Collection, Sequence
-from typing import Generic, TypeVar
+from collections.abc import Collection
 
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.records import DeviceHealth, DeviceRole
-from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
+from firmware_py.common.records import DeviceRole
+from firmware_py.sensors.device_monitor import SILENT_AFTER_S
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea2000_frames import Message
 from firmware_py.sensors.nmea2000_layout import Values, read_numbers
 from firmware_py.sensors.nmea2000_reader import Nmea2000Options, Nmea2000Reader
 from firmware_py.sensors.nmea2000_source import SourceSelection
 from firmware_py.sensors.nmea2000_table import LAYOUTS
-
-SampleT = TypeVar("SampleT")
-
-MAX_SAMPLES = 512  # between two polls
+from firmware_py.sensors.sensor_driver import SampleT, SensorDriver
 
 
-class Nmea2000Device(Generic[SampleT]):
+class Nmea2000Device(SensorDriver[SampleT]):
     """Reads the messages of some PGNs; a subclass makes samples of those of the selected device."""
 
     def __init__(
@@ -35,16 +30,10 @@ class Nmea2000Device(Generic[SampleT]):
         silent_after_s: float = SILENT_AFTER_S,
     ) -> None:
         """Define the device: after `source_timeout_s` of silence, another one on the bus may take its place."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, role, silent_after_s)
+        super().__init__(line, role, silent_after_s)
         self._selection = SourceSelection(quantity, options.source, source_timeout_s)
         self._reader = Nmea2000Reader(line, self._monitor, options, pgns, self._selection)
-        self._samples: deque[SampleT] = deque(maxlen=MAX_SAMPLES)
         self._source: int | None = None
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -58,16 +47,6 @@ class Nmea2000Device(Generic[SampleT]):
             except MessageError as error:
                 self._monitor.reject(now_s, str(error))
         self._reader.report_source(now_s)
-
-    def poll(self) -> Sequence[SampleT]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state of the device."""
-        return self._monitor.health(now_s)
 
     def _is_used(self, message: Message, now_s: float) -> bool:
         """Return whether a message is of the selected device, or select its device."""

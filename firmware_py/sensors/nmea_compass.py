@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.records import DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence, Numbers
+from firmware_py.sensors.sensor_driver import SensorDriver
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
 ADDITIONAL_SENTENCES = ("ROT", "XDR")
@@ -24,7 +22,6 @@ MIN_TRUE_HEADINGS = 3
 TRUE_HOLD_S = 2.0
 MAX_DEVIATION_DEG = 3.0  # a larger deviation may be the variation
 SAME_HEADING_S, SAME_HEADING_DEG = 0.3, 1.5  # maximum differences between two sentences of one heading
-MAX_SAMPLES = 512  # more than in one read of 4096 bytes
 
 # THS: autonomous (A) and estimated (E: a satellite compass that uses its gyro); not manual, simulated or invalid.
 _THS_MODES = frozenset("AE")
@@ -46,19 +43,18 @@ class NmeaCompassOptions:
         check(self)
 
 
-class NmeaCompass:
+class NmeaCompass(SensorDriver[HeadingSample]):
     """Returns every heading of HDG, HDT, HDM, THS and PASHR, with the yaw rate of ROT and roll and pitch of XDR.
 
     HDG is true if it states its variation, otherwise magnetic; the estimator checks the variation. VHW repeats the
     heading later and at a lower rate and is ignored. All true sentences are returned. Magnetic ones are ignored after
     MIN_TRUE_HEADINGS true ones at intervals of at most TRUE_HOLD_S, until the last one is older than that: the two
-    would differ by the error of the variation.
+    would differ by the error of the variation. Only headings count as accepted.
     """
 
     def __init__(self, line: ByteLine, options: NmeaCompassOptions) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
+        super().__init__(line, DeviceRole.COMPASS)
         self._reader = NmeaReader(
             line,
             self._monitor,
@@ -66,17 +62,12 @@ class NmeaCompass:
             require_checksum=options.require_checksum,
             by_option=bool(options.sentences),
         )
-        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._turn_rate: tuple[float, float] | None = None  # time, rate [rad/s]
         self._attitude: dict[str, tuple[float, float]] = {}  # time and angle [rad] by name
         self._true_count = 0
         self._true_s = 0.0
         self._stated_variation: tuple[float, float, float] | None = None  # time, true heading and variation of HDG
         self._uses_stated_variation = False  # whether other true headings contain the variation of HDG
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -96,16 +87,6 @@ class NmeaCompass:
                 self._monitor.note(f"{sentence.address}: heading not valid")
             else:
                 self._handle_heading(sentence.address, decoded.numbers, now_s)
-
-    def poll(self) -> Sequence[HeadingSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; only headings count as accepted, sentences without one are not counted."""
-        return self._monitor.health(now_s)
 
     def _handle_turn(self, decoded: DecodedSentence, now_s: float) -> None:
         turn_rate_deg_min = decoded.numbers["turn_rate_deg_min"]

@@ -5,24 +5,22 @@ Sources: Airmar DST800 and DT800 manuals (DPT, DBT), NMEA Revealed (gpsd; DBS, D
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DepthSample, DeviceHealth, DeviceRole
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.records import DepthSample, DeviceRole
 from firmware_py.sensors.nmea_preference import Preference
 from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import Numbers
+from firmware_py.sensors.sensor_driver import SensorDriver
 
 # DBS and DPT contain or may contain the depth of the transducer, DBT and DBK do not.
 _RANKS: Mapping[str, int] = {"DBS": 0, "DPT": 1, "DBT": 2, "DBK": 3}
 DEPTH_SENTENCES = tuple(_RANKS)
 SILENT_AFTER_S = 5.0  # a sounder may send once in two seconds
-MAX_SAMPLES = 256  # between two polls
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +46,17 @@ class NmeaDepthOptions:
         check(self)
 
 
-class NmeaDepth:
+class NmeaDepth(SensorDriver[DepthSample]):
     """Returns the water depth below the surface of DBS, DPT, DBT and DBK.
 
     Sounders send one measurement in several sentences; only the best one in that order is used while it is received. A
-    depth of 0 below the transducer means that the sounder has lost the bottom, and gives no sample.
+    depth of 0 below the transducer means that the sounder has lost the bottom, and gives no sample. Every valid depth
+    sentence counts as accepted.
     """
 
     def __init__(self, line: ByteLine, options: NmeaDepthOptions) -> None:
         """Store line and options."""
-        self._monitor = DeviceMonitor(line, DeviceRole.DEPTH, SILENT_AFTER_S)
-        self._line = line
+        super().__init__(line, DeviceRole.DEPTH, SILENT_AFTER_S)
         self._options = options
         self._reader = NmeaReader(
             line,
@@ -68,11 +66,6 @@ class NmeaDepth:
             by_option=bool(options.sentences),
         )
         self._preference = Preference(_RANKS)
-        self._samples: deque[DepthSample] = deque(maxlen=MAX_SAMPLES)
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -87,16 +80,6 @@ class NmeaDepth:
             elif self._preference.accepts(sentence.kind, now_s):
                 self._monitor.note("")
                 self._samples.append(sample)
-
-    def poll(self) -> Sequence[DepthSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every valid depth sentence counts as accepted, also one without a bottom."""
-        return self._monitor.health(now_s)
 
     def _make_sample(self, kind: str, numbers: Numbers, now_s: float) -> DepthSample | None:
         """Return the sample of a sentence; None without a depth."""

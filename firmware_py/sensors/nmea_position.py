@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from firmware_py.common.angles import radians, wrap_two_pi
@@ -11,17 +10,16 @@ from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
-from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.records import DeviceRole, FixType, PositionSample
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
 from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence
+from firmware_py.sensors.sensor_driver import SensorDriver
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
 OTHER_SENTENCES = frozenset({"VTG", "ZDA"})
 EPOCH_TIMEOUT_S = 0.5  # an epoch is one burst; a lost sentence must not delay it for long
 MAX_REPEATED_TIME_S = 3.0  # some receivers repeat whole seconds at rates above 1 Hz; a hanging one does so for longer
-MAX_SAMPLES = 512  # between two polls
 MAX_HDOP = 1e3  # larger values mean unknown; some receivers send 9999
 
 # GGA field 6; dead reckoning (6), manual input (7) and simulation (8) are not used.
@@ -80,7 +78,7 @@ class NmeaPositionOptions:
     require_checksum: bool = option("whether to reject sentences without a checksum", default=True)
 
 
-class NmeaPosition:
+class NmeaPosition(SensorDriver[PositionSample]):
     """Returns one sample per epoch, merged from RMC, GGA, GNS, GLL and VTG.
 
     Sentences with the same time of day form an epoch. VTG has no time and belongs to the burst in which it arrives. A
@@ -88,28 +86,23 @@ class NmeaPosition:
     the next one starts, or EPOCH_TIMEOUT_S after its last sentence; its time stamp is the arrival of that sentence.
     The fix is NONE if any sentence reports no valid fix (status V, quality 0, a mode without a measured position), or
     if the time of day does not advance, because a hanging receiver repeats an old position. The date is that of RMC,
-    otherwise of ZDA; without a date the UTC is extrapolated from the last one.
+    otherwise of ZDA; without a date the UTC is extrapolated from the last one. Every valid position sentence counts as
+    accepted, also one without a fix.
     """
 
     def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:
         """Store line and options."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
+        super().__init__(line, DeviceRole.POSITION)
         self._reader = NmeaReader(
             line,
             self._monitor,
             FIX_SENTENCES | OTHER_SENTENCES,
             require_checksum=options.require_checksum,
         )
-        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
         self._epoch: _Epoch | None = None
         self._expected_kinds: frozenset[str] = frozenset()
         self._last_utc: tuple[float, float] | None = None  # time of arrival, UTC
         self._last_time_of_day: tuple[float, float] | None = None  # the last time of day, and when it first arrived
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -125,16 +118,6 @@ class NmeaPosition:
                 self._add_to_epoch(sentence.kind, decoded, now_s)
         if self._epoch is not None and now_s - self._epoch.t_s > EPOCH_TIMEOUT_S:
             self._emit(self._epoch)
-
-    def poll(self) -> Sequence[PositionSample]:
-        """Return the fixes since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every valid position sentence counts as accepted, also one without a fix."""
-        return self._monitor.health(now_s)
 
     def _add_to_epoch(self, kind: str, decoded: DecodedSentence, now_s: float) -> None:
         """Add a sentence to its epoch; complete the previous one if necessary."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine, RudderAngle
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, RudderAngleSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.records import DeviceRole, RudderAngleSample
 from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.sensor_driver import SensorDriver
 
 MAX_ANGLE_DEG = 90.0
-MAX_SAMPLES = 64  # between two polls
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,23 +37,18 @@ class NmeaRudderOptions:
             raise ValueError("scale: 0 is not a scale; use 1 for a sensor that measures the rudder angle")
 
 
-class NmeaRudder:
+class NmeaRudder(SensorDriver[RudderAngleSample]):
     """Returns the angle of the starboard or only rudder of every RSA with status A.
 
-    RSA counts positive angles for a rudder that turns the boat to starboard, as the autopilot does.
+    RSA counts positive angles for a rudder that turns the boat to starboard, as the autopilot does. Only valid angles
+    count as accepted.
     """
 
     def __init__(self, line: ByteLine, options: NmeaRudderOptions) -> None:
         """Store line and options."""
-        self._line = line
         self._options = options
-        self._monitor = DeviceMonitor(line, DeviceRole.RUDDER_ANGLE)
+        super().__init__(line, DeviceRole.RUDDER_ANGLE)
         self._reader = NmeaReader(line, self._monitor, {"RSA"}, require_checksum=options.require_checksum)
-        self._samples: deque[RudderAngleSample] = deque(maxlen=MAX_SAMPLES)
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -74,16 +66,6 @@ class NmeaRudder:
             self._monitor.accept(now_s)
             self._monitor.note("")
             self._samples.append(RudderAngleSample(now_s, radians(rudder_deg)))
-
-    def poll(self) -> Sequence[RudderAngleSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; only valid angles count as accepted."""
-        return self._monitor.health(now_s)
 
 
 DRIVER: Driver[RudderAngle] = Driver(

@@ -5,23 +5,20 @@ Source: Airmar PB200 WeatherStation User Manual 1.000 (MWV, MWD, VWR, VWT; VWT i
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.records import DeviceHealth, DeviceRole, WindReference, WindSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.common.records import DeviceRole, WindReference, WindSample
 from firmware_py.sensors.nmea_preference import MAX_WIND_M_S, WIND_RANKS, Preference
 from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT, NmeaReader
 from firmware_py.sensors.nmea_sentences import DecodedSentence
+from firmware_py.sensors.sensor_driver import SensorDriver
 
 WIND_SENTENCES = ("MWV", "VWR", "MWD", "VWT")
 SILENT_AFTER_S = 5.0  # a sensor may send once in two seconds
-MAX_SAMPLES = 256  # between two polls
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +41,17 @@ class NmeaWindOptions:
         check(self)
 
 
-class NmeaWind:
+class NmeaWind(SensorDriver[WindSample]):
     """Returns the wind of MWV, VWR, MWD and VWT.
 
     Sensors send one measurement in several sentences. Only the apparent wind (MWV R, VWR) is used while it is received,
-    otherwise the wind from true north (MWD), from the bow (MWV T, VWT), or from magnetic north (MWD).
+    otherwise the wind from true north (MWD), from the bow (MWV T, VWT), or from magnetic north (MWD). Every valid wind
+    sentence counts as accepted, also one without a wind.
     """
 
     def __init__(self, line: ByteLine, options: NmeaWindOptions) -> None:
         """Store line and options."""
-        self._monitor = DeviceMonitor(line, DeviceRole.WIND, SILENT_AFTER_S)
-        self._line = line
+        super().__init__(line, DeviceRole.WIND, SILENT_AFTER_S)
         self._offset_deg = options.offset_deg
         self._reader = NmeaReader(
             line,
@@ -64,11 +61,6 @@ class NmeaWind:
             by_option=bool(options.sentences),
         )
         self._preference = Preference(WIND_RANKS)
-        self._samples: deque[WindSample] = deque(maxlen=MAX_SAMPLES)
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -77,16 +69,6 @@ class NmeaWind:
             self._preference = Preference(WIND_RANKS)
         for sentence, decoded in self._reader.read(now_s):
             self._handle_sentence(sentence.address, sentence.kind, decoded, now_s)
-
-    def poll(self) -> Sequence[WindSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every valid wind sentence counts as accepted, also one without a wind."""
-        return self._monitor.health(now_s)
 
     def _handle_sentence(self, address: str, kind: str, decoded: DecodedSentence, now_s: float) -> None:
         wind_m_s = decoded.numbers["wind_speed_m_s"]

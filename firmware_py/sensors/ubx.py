@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.common.records import DeviceRole, FixType, PositionSample
 from firmware_py.sensors import ubx_protocol as ubx
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
+from firmware_py.sensors.sensor_driver import SensorDriver
 from firmware_py.sensors.ubx_protocol import CAPTURE_FORMAT
 
-MAX_SAMPLES = 64  # one read of 4096 bytes contains 40
 MAX_POSITION_ERROR_M = 50.0  # assumed by estimate.position; exceeded after a cold start or under jamming
 _NOT_ENABLED_TEXT = "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
@@ -27,23 +24,17 @@ class UbxOptions:
     """No options: the receiver is configured with the tools of the manufacturer."""
 
 
-class UbxPosition:
+class UbxPosition(SensorDriver[PositionSample]):
     """Returns one sample per NAV-PVT; the receiver must be configured to send them.
 
     NMEA on the same line is ignored. hdop is None: NAV-PVT has only PDOP. A fix with a stated accuracy worse than
-    MAX_POSITION_ERROR_M is not used.
+    MAX_POSITION_ERROR_M is not used. Every valid NAV-PVT counts as accepted.
     """
 
     def __init__(self, line: ByteLine) -> None:
         """Store the line."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
+        super().__init__(line, DeviceRole.POSITION)
         self._framer = ubx.create_framer()
-        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -57,16 +48,6 @@ class UbxPosition:
             self._monitor.note_unused(_NOT_ENABLED_TEXT)
         for packet in self._framer.feed(data):
             self._handle_packet(packet, now_s)
-
-    def poll(self) -> Sequence[PositionSample]:
-        """Return the fixes since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every valid NAV-PVT counts as accepted, also one without a fix."""
-        return self._monitor.health(now_s)
 
     def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:

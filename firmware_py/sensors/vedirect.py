@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.driver import INTERFACE, Driver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
-from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import MessageError
+from firmware_py.sensors.sensor_driver import SensorDriver
 from firmware_py.sensors.vedirect_blocks import CAPTURE_FORMAT, Block, BlockFramer, Measurement, read_measurement
 
-MAX_SAMPLES = 64  # one read of 4096 bytes contains 60
 SILENT_AFTER_S = 5.0  # one block per second; every second block of a monitor contains its history
 
 
@@ -22,20 +19,14 @@ class VeDirectOptions:
     """No options: the device is configured with the tools of the manufacturer."""
 
 
-class VeDirectPower:
+class VeDirectPower(SensorDriver[PowerSample]):
     """Returns one sample per block with measurements, of any device type."""
 
     def __init__(self, line: ByteLine) -> None:
         """Store the line."""
-        self._line = line
-        self._monitor = DeviceMonitor(line, DeviceRole.POWER, SILENT_AFTER_S)
+        super().__init__(line, DeviceRole.POWER, SILENT_AFTER_S)
         self._framer = BlockFramer()
-        self._samples: deque[PowerSample] = deque(maxlen=MAX_SAMPLES)
         self._fault = ""
-
-    def fileno(self) -> int:
-        """Return the descriptor of the line, or -1."""
-        return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s."""
@@ -48,12 +39,6 @@ class VeDirectPower:
         self._monitor.note_bytes(now_s)
         for block in self._framer.feed(data):
             self._handle_block(block, now_s)
-
-    def poll(self) -> Sequence[PowerSample]:
-        """Return the samples since the last poll, oldest first."""
-        samples = tuple(self._samples)
-        self._samples.clear()
-        return samples
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; every valid block counts as accepted; FAULTY while a charger reports an error."""

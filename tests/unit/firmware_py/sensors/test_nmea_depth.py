@@ -127,5 +127,5 @@ def test_number_of_samples_between_two_polls_is_limited(sounder, line, nmea):
     for second in range(20):
         line.inbox += nmea(DPT) * 30
         sounder.receive(float(second))
-    assert len(sounder.poll()) == 256
+    assert len(sounder.poll()) == 512
     assert len(sounder.poll()) == 0

@@ -76,9 +76,10 @@ def test_silence_and_another_opening_of_the_port(deliver, sensor, line):
 
 
 def test_samples_between_two_polls_are_limited(line, sensor, nmea):
-    line.inbox += nmea("IIRSA,1.0,A") * 100
-    sensor.receive(1.0)
-    assert len(sensor.poll()) == 64
+    for second in range(20):
+        line.inbox += nmea("IIRSA,1.0,A") * 30
+        sensor.receive(float(second))
+    assert len(sensor.poll()) == 512
 
 
 @pytest.mark.parametrize(

@@ -175,5 +175,5 @@ def test_number_of_samples_between_two_polls_is_limited(sensor, line, nmea):
     for second in range(20):
         line.inbox += nmea(APPARENT) * 30
         sensor.receive(float(second))
-    assert len(sensor.poll()) == 256
+    assert len(sensor.poll()) == 512
     assert len(sensor.poll()) == 0
