@@ -157,12 +157,15 @@ def _check_north(compass: DeviceEntry, path: Path) -> None:
 
 
 def _check_ports(vehicle: Vehicle, path: Path) -> None:
-    """Raise VehicleError for sections that name the same port but cannot share it."""
+    """Raise VehicleError for sections that name the same port but cannot share it.
+
+    Placeholders without a slash or colon, which the simulator replaces, are no ports.
+    """
     problems: list[str] = []
     users: dict[str, str] = {}  # first section of each port
     for name in SECTIONS:
         entry: DeviceEntry | None = getattr(vehicle, name)
-        if entry is None:
+        if entry is None or not {"/", ":"} & set(entry.port):
             continue
         first = users.setdefault(entry.port, name)
         if first != name and (problem := _sharing_problem(first, getattr(vehicle, first), name, entry)):

@@ -350,3 +350,11 @@ def test_port_of_the_wrong_kind_names_the_right_one(write, section, text, expect
 @pytest.mark.parametrize("section", ["compass", "compass_b", "position", "rudder_angle", "ais", "wind", "depth"])
 def test_devices_of_nmea_2000_may_have_a_can_port(write, section):
     assert load(write(boat(**{section: 'driver = "nmea2000"\nport = "can:can0"'})))
+
+
+def test_placeholder_in_several_sections_is_no_shared_port(tmp_path):
+    """The simulator replaces the ports of a vehicle file; many files have the same word in all of them."""
+    device = 'port = "given by the simulator"\nbaud = 9600\n'
+    path = tmp_path / "boat.toml"
+    path.write_text(f'[compass]\ndriver = "nmea"\n{device}[rudder]\ndriver = "volz"\n{device}')
+    assert load(path).rudder.port == "given by the simulator"
