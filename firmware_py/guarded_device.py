@@ -60,7 +60,7 @@ class GuardedDevice:
         self._retry_s = -math.inf
         self._fault = driver.problem
         self._fault_count = 0
-        self._now_s = 0.0
+        self._now_s = 0.0  # the latest
 
     def fileno(self) -> int:
         """Return the descriptor of the line, or -1."""
@@ -68,7 +68,7 @@ class GuardedDevice:
 
     def receive(self, now_s: float) -> None:
         """Let the driver read; without a driver the received bytes are discarded."""
-        self._now_s = now_s
+        self._now_s = max(self._now_s, now_s)
         if self._device is None and not self._driver.problem and now_s >= self._retry_s:
             self._device = self._guard(None, self._driver.make, self._line, self._options)
         if self._device is None:
@@ -91,7 +91,7 @@ class GuardedDevice:
 
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Let the driver of a rudder send the command."""
-        self._now_s = now_s
+        self._now_s = max(self._now_s, now_s)
         if self._device is not None:
             self._guard(None, self._call, "command", command, now_s)
 

@@ -272,3 +272,14 @@ def test_samples_that_are_none_are_an_error_of_poll(driver, line):
 
 def test_device_is_starting_before_its_driver_is_made(driver, line):
     assert guard(driver, line).health(5.0).state is DeviceState.STARTING
+
+
+def test_time_that_runs_back_by_rounding_does_not_refuse_a_sample(driver, line):
+    """A tick computes the present as its deadline plus its lateness."""
+    driver.results["poll"] = (HeadingSample(5.0, 1.0, NorthReference.TRUE),)
+    device = guard(driver, line)
+    device.receive(5.0)
+    device.receive(math.nextafter(5.0, 0.0))
+    assert len(device.poll()) == 1
+    device.command(RudderCommand(0.0, torque_on=True), math.nextafter(5.0, 0.0))
+    assert len(device.poll()) == 1
