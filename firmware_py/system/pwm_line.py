@@ -8,6 +8,7 @@ Documentation/driver-api/pwm and Documentation/ABI/testing/sysfs-class-pwm of th
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -141,5 +142,7 @@ def _explain_error(chip: Path, error: Exception) -> str:
     if isinstance(error, PermissionError):
         return "permission denied; give the group of the service access to /sys/class/pwm (udev rule)"
     code = error.errno if isinstance(error, OSError) else None
+    if code == errno.EROFS:
+        return f"hidden by the service; add ReadWritePaths={chip.resolve()} to its drop-in (how-to: hobby servo)"
     reason = os.strerror(code).lower() if code else "not usable"
     return f"{reason}; the channel does not exist or another driver uses it"

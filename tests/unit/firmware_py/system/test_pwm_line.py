@@ -186,3 +186,12 @@ def test_path_that_cannot_be_looked_up_does_not_end_the_loop():
         line.open()
     assert line.reopen(1.0) == ""
     assert not line.connected
+
+
+def test_output_that_systemd_has_made_read_only_is_explained(chip, monkeypatch):
+    def refuse(_file, _data):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(pwm_line, "_write", refuse)
+    with pytest.raises(PortError, match=r"hidden by the service; add ReadWritePaths=/.*pwmchip0 to its drop-in"):
+        open_line(chip)
