@@ -134,6 +134,7 @@ def _report(state: WindState, sample: WindSample) -> Wind:
     if not short:
         return report
     speeds = [entry.wind_m_s for entry in mean]
+    gusts = [peak.gust_m_s for peak in state.peaks if peak.minute > newest_s // 60 - GUST_MINUTES]
     mean_m_s = _mean(speeds)
     north_m_s, east_m_s = _mean([entry.north_m_s for entry in short]), _mean([entry.east_m_s for entry in short])
     return replace(
@@ -147,7 +148,7 @@ def _report(state: WindState, sample: WindSample) -> Wind:
             _mean([entry.north_m_s for entry in mean]), _mean([entry.east_m_s for entry in mean])
         ),
         sd_m_s=math.sqrt(_mean([(speed - mean_m_s) ** 2 for speed in speeds])),
-        gust_m_s=max((peak.gust_m_s for peak in state.peaks), default=None),
+        gust_m_s=max(gusts, default=None),
     )
 
 
