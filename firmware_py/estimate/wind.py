@@ -134,7 +134,7 @@ def _report(state: WindState, sample: WindSample) -> Wind:
     if not short:
         return report
     speeds = [entry.wind_m_s for entry in mean]
-    gusts = [peak.gust_m_s for peak in state.peaks if peak.minute > newest_s // 60 - GUST_MINUTES]
+    gusts = [peak.gust_m_s for peak in state.peaks if peak.minute > (newest_s - 1) // 60 - GUST_MINUTES]
     mean_m_s = _mean(speeds)
     north_m_s, east_m_s = _mean([entry.north_m_s for entry in short]), _mean([entry.east_m_s for entry in short])
     return replace(
