@@ -28,6 +28,7 @@ from firmware_py.estimate.wind import Motion, WindState
 MAX_AGE_S: Final = 15.0  # of a measurement
 # Of a depth for its fault: shorter than its debounce time, because in deep water a false echo may be the last one.
 MAX_FAULT_AGE_S: Final = 5.0
+MISSING_AFTER_S: Final = 60.0  # after the start, for a sensor that has never been received
 _ROLES: Final = (DeviceRole.WIND, DeviceRole.DEPTH)
 _NAMES: Final = ("Wind sensor", "Depth sensor")
 _LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY, DeviceState.FAILED)
@@ -46,11 +47,12 @@ class InstrumentLimits(msgspec.Struct, frozen=True):
 
 
 class Reception(IntEnum):
-    """Whether a sensor is received, has stopped, or has never been received."""
+    """Whether a sensor is received, has stopped, or has never been received although the boat has it."""
 
     NEVER = 0
     RECEIVED = 1
     SILENT = 2
+    EXPECTED = 3
 
 
 class InstrumentState(msgspec.Struct, frozen=True):
@@ -92,11 +94,11 @@ def update(state: InstrumentState, inputs: Inputs, motion: Motion) -> Instrument
 
 
 def report_silence(
-    state: InstrumentState, devices: Sequence[DeviceHealth]
+    state: InstrumentState, devices: Sequence[DeviceHealth], now_s: float
 ) -> tuple[InstrumentState, tuple[Event, ...]]:
     """Return the state and the events of sensors that stop or resume.
 
-    A sensor that has never been received is not reported; its state is in the list of devices.
+    A sensor that has never been received is reported MISSING_AFTER_S after the start; `now_s` is the time since then.
     """
     reception, events = list(state.reception), []
     for device in devices:
@@ -110,9 +112,20 @@ def report_silence(
         elif device.state in _LOST and reception[number] is Reception.RECEIVED:
             events.append(Event(Severity.WARNING, f"{_NAMES[number]}: no data"))
             reception[number] = Reception.SILENT
+        elif reception[number] is Reception.NEVER:
+            reception[number] = Reception.EXPECTED
+    for number, name in enumerate(_NAMES):
+        if reception[number] is Reception.EXPECTED and now_s >= MISSING_AFTER_S:
+            events.append(Event(Severity.WARNING, f"{name}: no data"))
+            reception[number] = Reception.SILENT
     if tuple(reception) == state.reception:
         return state, ()
     return replace(state, reception=(reception[0], reception[1])), tuple(events)
+
+
+def is_expected(state: InstrumentState) -> bool:
+    """Return whether a sensor has never been received."""
+    return Reception.EXPECTED in state.reception
 
 
 def is_recent(measurement: Wind | DepthSample | None, now_s: float) -> bool:

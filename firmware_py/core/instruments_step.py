@@ -15,9 +15,9 @@ def watch_instruments(
     settings: Settings, state: State, inputs: Inputs, freshness: Freshness
 ) -> tuple[State, tuple[Event, ...]]:
     """Return the state updated with wind and depth, and the events; unchanged without input of these sensors."""
-    if not (inputs.wind or inputs.depth or inputs.devices):
+    if not (inputs.wind or inputs.depth or inputs.devices or instruments.is_expected(state.instruments)):
         return state, ()
-    current, events = instruments.report_silence(state.instruments, inputs.devices)
+    current, events = instruments.report_silence(state.instruments, inputs.devices, inputs.tick.t_s)
     if inputs.wind or inputs.depth:
         estimator, fix = state.heading_estimator, state.position.fix
         by_model = estimator.declination.declination_rad if settings.heading_estimator.declination_by_model else None

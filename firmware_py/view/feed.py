@@ -30,6 +30,7 @@ STATUS_COLUMNS: Final[Mapping[str, tuple[str, str, float]]] = {
     "error_deg": ("", "error_deg", -1.0),  # the page shows heading minus goal
     "yaw_rate_deg_s": ("", "yaw_rate_deg_s", 1.0),
     "rudder_deg": ("rudder", "angle_deg", 1.0),
+    "rudder_estimated_deg": ("rudder", "estimated_deg", 1.0),
     "command_deg": ("rudder", "command_deg", 1.0),
     "cross_track_m": ("navigation", "cross_track_m", 1.0),
     "fence_margin_m": ("navigation", "fence_margin_m", 1.0),
@@ -52,7 +53,7 @@ STATUS_COLUMNS: Final[Mapping[str, tuple[str, str, float]]] = {
 VALIDITY_FLAGS: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("lat_deg", "lon_deg", "ground_m_s", "water_m_s", "current_m_s"), ("position", "ok")),
     **dict.fromkeys(("compass_deg", "heading_deg", "error_deg", "wave_period_s", "wave_sd_deg"), ("", "heading_ok")),
-    "rudder_deg": ("rudder", "ok"),
+    **dict.fromkeys(("rudder_deg", "rudder_estimated_deg"), ("rudder", "ok")),
     **dict.fromkeys(("wind_m_s", "gust_m_s"), ("wind", "ok")),
     "depth_m": ("depth", "ok"),
 }
@@ -135,8 +136,6 @@ class Feed:
         # A stale status adds no values; the harness may still add its own.
         current = status if reading.freshness is Freshness.RUNNING else {}
         columns = {name: _value(current, *source) for name, source in STATUS_COLUMNS.items()}
-        if columns["rudder_deg"] is None:
-            columns["rudder_deg"] = _value(current, "rudder", "estimated_deg")
         columns |= {name: None for name, flag in VALIDITY_FLAGS.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
             columns["cross_track_m"] = None  # the boat does not follow a line

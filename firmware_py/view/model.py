@@ -71,7 +71,11 @@ PANELS: Final = (
     Panel("yaw rate (deg/s)", (Line("yaw_rate_deg_s", "yaw rate"),), min_span=0.2, zero=True),
     Panel(
         "rudder (deg)",
-        (Line("command_deg", "commanded", "command"), Line("rudder_deg", "angle")),
+        (
+            Line("command_deg", "commanded", "command"),
+            Line("rudder_estimated_deg", "estimated", "second"),
+            Line("rudder_deg", "angle"),
+        ),
         min_span=4.0,
         zero=True,
     ),

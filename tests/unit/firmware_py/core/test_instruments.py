@@ -129,22 +129,42 @@ def test_limits_are_those_of_the_parameters():
 @pytest.mark.parametrize(("role", "name"), [(DeviceRole.WIND, "Wind sensor"), (DeviceRole.DEPTH, "Depth sensor")])
 @pytest.mark.parametrize("lost", [DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY, DeviceState.FAILED])
 def test_silence_and_recovery_are_reported(role, name, lost):
-    state, events = instruments.report_silence(InstrumentState(), (health(role, DeviceState.RUNNING),))
+    state, events = instruments.report_silence(InstrumentState(), (health(role, DeviceState.RUNNING),), 1.0)
     assert events == ()
-    state, (event,) = instruments.report_silence(state, (health(role, lost),))
+    state, (event,) = instruments.report_silence(state, (health(role, lost),), 1.0)
     assert (event.severity, event.text) == (Severity.WARNING, f"{name}: no data")
-    state, events = instruments.report_silence(state, (health(role, lost),))
+    state, events = instruments.report_silence(state, (health(role, lost),), 1.0)
     assert events == ()
-    state, (event,) = instruments.report_silence(state, (health(role, DeviceState.RUNNING),))
+    state, (event,) = instruments.report_silence(state, (health(role, DeviceState.RUNNING),), 1.0)
     assert (event.severity, event.text) == (Severity.NOTICE, f"{name}: data recovered")
 
 
-def test_sensor_that_was_never_received_is_not_reported():
-    for device_state in (DeviceState.ABSENT, DeviceState.STARTING, DeviceState.SILENT):
-        state, events = instruments.report_silence(
-            InstrumentState(), (health(DeviceRole.WIND, device_state), health(DeviceRole.COMPASS, device_state))
-        )
-        assert (state, events) == (InstrumentState(), ())
+@pytest.mark.parametrize("first", [DeviceState.ABSENT, DeviceState.STARTING, DeviceState.SILENT])
+def test_sensor_that_was_never_received_is_reported_once_after_a_minute(first):
+    devices = (health(DeviceRole.DEPTH, first), health(DeviceRole.COMPASS, first))
+    state, events = instruments.report_silence(InstrumentState(), devices, 1.0)
+    assert (events, instruments.is_expected(state)) == ((), True)
+    assert instruments.report_silence(state, (), 59.9) == (state, ())
+    missing, (event,) = instruments.report_silence(state, (), 60.0)
+    assert (event.severity, event.text) == (Severity.WARNING, "Depth sensor: no data")
+    assert not instruments.is_expected(missing)
+    assert instruments.report_silence(missing, devices, 70.0) == (missing, ())
+    _, (event,) = instruments.report_silence(missing, (health(DeviceRole.DEPTH, DeviceState.RUNNING),), 80.0)
+    assert event.text == "Depth sensor: data recovered"
+    received, events = instruments.report_silence(state, (health(DeviceRole.DEPTH, DeviceState.RUNNING),), 2.0)
+    assert (events, instruments.report_silence(received, (), 60.0)) == ((), (received, ()))
+
+
+def test_boat_without_these_sensors_reports_nothing():
+    assert instruments.report_silence(InstrumentState(), (), 60.0) == (InstrumentState(), ())
+
+
+def test_missing_sensor_is_reported_in_a_tick_without_any_input():
+    state, texts = State.at_start(ParameterSet()), []
+    for number, devices in enumerate([(health(DeviceRole.WIND, DeviceState.STARTING),), (), (), ()]):
+        state, output = step(state, Inputs(Tick(number, 20.0 * number, 0.0, 0, 1.0), devices=devices))
+        texts += [(20.0 * number, event.text) for event in output.events if "sensor" in event.text]
+    assert texts == [(60.0, "Wind sensor: no data")]
 
 
 def heading(t_s):

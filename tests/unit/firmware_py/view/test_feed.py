@@ -7,6 +7,7 @@ import pytest
 from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.view.feed import STATUS_COLUMNS, Feed
 from firmware_py.view.history import COLUMNS, History
+from firmware_py.view.model import PANELS
 
 STATUS = {
     "vehicle": "boat", "pid": 7, "written_machine_s": 100.0, "utc_s": 1.8e9, "uptime_s": 50.0, "heading_deg": 12.0,
@@ -81,11 +82,19 @@ def test_timed_out_values_are_empty(rig):
     assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
 
 
-def test_estimated_rudder_angle_is_shown_if_none_is_measured(rig):
+def test_estimated_rudder_angle_is_a_line_of_its_own(rig):
     rig.advance(rudder={"ok": True, "angle_deg": None, "estimated_deg": 3.0})
-    assert rig.values()["rudder_deg"] == 3.0
+    values = rig.values()
+    assert (values["rudder_deg"], values["rudder_estimated_deg"]) == (None, 3.0)
     rig.advance(rudder={"ok": False, "angle_deg": None, "estimated_deg": 3.0})
-    assert rig.values()["rudder_deg"] is None
+    values = rig.values()
+    assert (values["rudder_deg"], values["rudder_estimated_deg"]) == (None, None)
+    (panel,) = (panel for panel in PANELS if panel.title == "rudder (deg)")
+    assert [(line.column, line.label) for line in panel.lines] == [
+        ("command_deg", "commanded"),
+        ("rudder_estimated_deg", "estimated"),
+        ("rudder_deg", "angle"),
+    ]
 
 
 def test_wind_and_depth_are_empty_when_old(rig):
