@@ -74,10 +74,15 @@ class Devices(msgspec.Struct, frozen=True):
     rudder_angle: RudderAngle | None = None
 
 
-def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
+def _ignore_text(_text: str) -> None:
+    """Print nothing."""
+
+
+def open_devices(vehicle: Vehicle, *, wait: bool, report: Callable[[str], None] = _ignore_text) -> Devices:
     """Open the ports and create the drivers.
 
-    Raises PortError for a port that cannot be opened, unless `wait`: then it is opened when it appears.
+    Raises PortError for a port that cannot be opened, unless `wait`: then `report` gets the reason, and it is opened
+    when it appears.
     """
     lines: list[Line] = []
     shared = _share_lines(vehicle, lines)
@@ -100,7 +105,7 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     rudder_angle = None
     if (sensor := vehicle.rudder_angle) is not None:
         rudder_angle = RUDDER_ANGLES[sensor.driver].make(shared["rudder_angle"], sensor.options)
-    open_lines(lines, wait=wait)
+    open_lines(lines, wait=wait, report=report)
     calibrator = calibrator_of(vehicle.compass.driver, compass)
     return Devices(
         compass, position, rudder, compass_b, calibrator, power, vessels, wind, depth, tuple(lines), rudder_angle
@@ -159,15 +164,16 @@ def _create_power_monitors(vehicle: Vehicle, shared: dict[str, ByteLine], lines:
     return tuple(monitors)
 
 
-def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
-    """Open all lines; on failure close them again and raise PortError."""
+def open_lines(lines: Sequence[Line], *, wait: bool, report: Callable[[str], None] = _ignore_text) -> None:
+    """Open all lines; on failure close them again and raise PortError, or report the failure if `wait`."""
     try:
         for line in lines:
             try:
                 line.open()
-            except PortError:
+            except PortError as error:
                 if not wait:
                     raise
+                report(f"waiting for {error}")
     except PortError:
         close_all(lines)
         raise

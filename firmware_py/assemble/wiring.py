@@ -102,7 +102,7 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     """Open and connect all parts. Assembly.close closes them in reverse order, or `opened` after an error."""
     opened.callback(commit := start_commit_query(ROOT))  # git runs while lines and state are opened
     console = opened.enter_context(closing(Console()))
-    devices = open_devices(vehicle, wait=options.wait)
+    devices = open_devices(vehicle, wait=options.wait, report=console.line)
     opened.callback(close_all, lines := list(devices.lines))
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
@@ -110,7 +110,9 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     stored, plans = read_state(options.state_directory, store, say)
     clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    transports, outputs = _open_links(vehicle, options, lines, satellite_support, say if options.wait else None, opened)
+    line_opener = _line_opener(lines, console, wait=options.wait)
+    report_retry = say if options.wait else None
+    transports, outputs = _open_links(vehicle, options, line_opener, satellite_support, report_retry, opened)
     _report_device_problems(vehicle, lines if options.lockstep is None else (), say)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, clock_start = _create_clock(clock, options, lines, store)
@@ -247,22 +249,27 @@ def _create_lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> Lo
     )
 
 
+def _line_opener(lines: list[Line], console: Console, *, wait: bool) -> Callable[[str, int], SerialPort]:
+    """Return the function that opens the serial port of a link and adds it to `lines`."""
+
+    def open_line(path: str, baud: int) -> SerialPort:
+        line = SerialPort(path, baud)
+        open_lines([line], wait=wait, report=console.line)
+        lines.append(line)
+        return line
+
+    return open_line
+
+
 def _open_links(
     vehicle: Vehicle,
     options: Options,
-    lines: list[Line],
+    open_line: Callable[[str, int], SerialPort],
     satellite_support: SatelliteSupport,
     say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:
-    """Open the links and the outputs of NMEA 0183; their serial lines are added to `lines`."""
-
-    def open_line(path: str, baud: int) -> SerialPort:
-        line = SerialPort(path, baud)
-        open_lines([line], wait=options.wait)
-        lines.append(line)
-        return line
-
+    """Open the links and the outputs of NMEA 0183."""
     urls = (*vehicle.link_urls, *options.link_urls)
     transports: list[Transport] = []
     for url in urls:

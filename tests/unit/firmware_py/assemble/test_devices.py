@@ -236,5 +236,21 @@ def test_missing_port_closes_the_others_unless_the_autopilot_waits_for_it():
     with pytest.raises(PortError, match="no such port"):
         open_lines(lines, wait=False)
     assert [line.is_open for line in lines] == [False, False, False]
-    open_lines(lines, wait=True)
+    texts = []
+    open_lines(lines, wait=True, report=texts.append)
     assert [line.is_open for line in lines] == [True, False, True]
+    assert texts == ["waiting for no such port"]
+
+
+def test_reason_is_reported_for_each_port_that_the_autopilot_waits_for(tmp_path):
+    data = {
+        "compass": {"driver": "nmea", "port": "/dev/missing", "baud": 4800},
+        "rudder": {"driver": "pwm", "port": f"pwm:{tmp_path}/missing/0"},
+    }
+    texts = []
+    open_devices(parse(data, tmp_path / "boat.toml"), wait=True, report=texts.append)
+    pwm_text = "no such PWM chip; load its overlay (pwm) and correct the path in the vehicle file"
+    assert sorted(texts) == [
+        "waiting for port /dev/missing: no such port; plug the device in or correct the path in the vehicle file",
+        f"waiting for port pwm:{tmp_path}/missing/0: {pwm_text}",
+    ]
