@@ -51,6 +51,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "two programs read one port: each gets a part of the bytes",
         "end that program, or exclude it from the port, and restart",
     ),
+    "waiting for <port and its problem>": (
+        "a port of a device is missing at the start; it is opened as soon as it is there",
+        "check plug and power of the device, and the path in the vehicle file",
+    ),
     "[<section>]: package <name> <version> <problem>": (
         "the driver package of a device cannot be used; the boat runs without that device",
         "do what the text says, and restart; `rambler check` repeats it",
