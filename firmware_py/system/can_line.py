@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import struct
 from contextlib import suppress
@@ -12,6 +13,7 @@ from firmware_py.system.serial_port import MAX_READ_BYTES, PortError
 
 FRAME_BYTES = 16
 MAX_FRAMES = MAX_READ_BYTES // FRAME_BYTES  # per read
+MAX_REASON_LENGTH = 80  # of an adapter's error in a text
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of linux/can.h: identifier, length, data
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 
@@ -92,7 +94,8 @@ class CanAdapterLine(NetworkLine):
         try:
             self._bus = can.Bus(interface=interface, channel=channel, bitrate=250_000)
         except Exception as error:  # noqa: BLE001 - adapters raise errors of several kinds
-            raise PortError(f"port {self.name}: {str(error)[:80]}; write {self.name_format}") from None
+            reason = re.sub(r"\[Errno \d+\] ", "", str(error))[:MAX_REASON_LENGTH].strip(" :;.")
+            raise PortError(f"port {self.name}: {reason}; plug the adapter in, or write {self.name_format}") from None
         self.openings += 1
 
     def reopen(self, now_s: float) -> str:

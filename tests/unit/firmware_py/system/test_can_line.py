@@ -183,10 +183,23 @@ def test_descriptor_of_an_adapter():
 
 def test_adapter_that_cannot_be_opened():
     line = CanAdapterLine("can:nonsense:0")
-    with pytest.raises(PortError, match=r"port can:nonsense:0: .*; write can:INTERFACE"):
+    with pytest.raises(PortError, match=r"port can:nonsense:0: .*; plug the adapter in, or write can:INTERFACE"):
         line.open()
     line.reopen(1.0)
     assert not line.connected
+
+
+def test_reason_of_an_adapter_is_a_short_text_without_error_numbers(monkeypatch):
+    text = "could not open port /dev/ttyACM0: {}No such file or directory"
+
+    def fail(**_options):
+        raise OSError("[Errno 2] " + text.format("[Errno 2] ") + ": " + 80 * "x")
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(PortError) as raised:
+        CanAdapterLine("can:slcan:/dev/ttyACM0").open()
+    reason = (text.format("") + ": " + 80 * "x")[:80]
+    assert str(raised.value).startswith(f"port can:slcan:/dev/ttyACM0: {reason}; plug the adapter in")
 
 
 def test_missing_package_is_named(monkeypatch):
