@@ -136,12 +136,22 @@ class Nmea2000Emulator:
 
     def _send_claims(self, t_s: float) -> None:
         for device, maker in _MAKERS.items():
+            if device != COMPASS and self.addresses.get(device, device) == self.addresses[COMPASS]:
+                continue  # two devices never have one address
             name = n2k.to_bytes(n2k.unsigned(1000 + device, 21) + n2k.unsigned(maker, 11) + "0" * 31 + "1")
             self._send(t_s, 60928, device, name)
 
 
+def require_actisense(context: DeviceContext) -> None:
+    """Raise ValueError for a gateway of the vehicle file that is not emulated."""
+    if context.options.gateway not in ("auto", "actisense"):
+        raise ValueError(f"gateway {context.options.gateway}: only actisense is emulated; use auto")
+
+
 def _make(context: DeviceContext) -> Device:
-    return Nmea2000Emulator(
+    """Return a bus whose compass has the address of the option `source`, if there is one."""
+    require_actisense(context)
+    bus = Nmea2000Emulator(
         context.world,
         context.rng,
         declination_deg=context.declination_deg,
@@ -149,6 +159,9 @@ def _make(context: DeviceContext) -> Device:
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
     )
+    if context.options.source >= 0:
+        bus.addresses[COMPASS] = context.options.source
+    return bus
 
 
 EMULATOR = EmulatedDevice(interface=INTERFACE, driver="nmea2000", baud=115_200, make=_make)

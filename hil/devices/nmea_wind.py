@@ -47,6 +47,7 @@ class NmeaWindEmulator:
         *,
         sentence: str = "MWV",
         offset_deg: float = 0.0,
+        period_s: float = PERIOD_S,
         phase_s: float = 0.0,
         frequency_error_ppm: float = 0.0,
         baud: int = 4800,
@@ -58,9 +59,9 @@ class NmeaWindEmulator:
         self._rng = rng
         self._reference, self._body = _BODIES[sentence]
         self._offset_deg = offset_deg
-        self._correlation = math.exp(-PERIOD_S / GUST_TIME_S)
+        self._correlation = math.exp(-period_s / GUST_TIME_S)
         self._gust = rng.normal(0.0, 1.0, 2)
-        self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
+        self._pace = Pace(period_s, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
@@ -73,10 +74,13 @@ class NmeaWindEmulator:
     def take_output(self, now_s: float) -> bytes:
         """Take the samples that are due and return the complete sentences."""
         for sample_s in self._pace.take(now_s):
-            self.transmitter.send(sample_s, self._measure())
+            from_deg, speed_m_s = self.measure()
+            body = self._body(bearing(from_deg, 0.1), speed_m_s * KNOTS_PER_METRE_PER_SECOND)
+            self.transmitter.send(sample_s, whole_sentence(f"WI{body}"))
         return self.transmitter.take(now_s)
 
-    def _measure(self) -> bytes:
+    def measure(self) -> tuple[float, float]:
+        """Take a sample; return the direction in degrees, relative to that of the sentence, and the speed in m/s."""
         innovation = self._rng.normal(0.0, math.sqrt(1.0 - self._correlation**2), 2)
         self._gust = self._correlation * self._gust + innovation
         north_m_s, east_m_s = self._weather.air_velocity_m_s()
@@ -88,8 +92,7 @@ class NmeaWindEmulator:
         from_deg = degrees(math.atan2(-east_m_s, -north_m_s))
         if self._reference != "north":
             from_deg -= degrees(self._weather.bow_rad()) + self._offset_deg
-        knots = math.hypot(north_m_s, east_m_s) * KNOTS_PER_METRE_PER_SECOND
-        return whole_sentence(f"WI{self._body(bearing(from_deg, 0.1), knots)}")
+        return from_deg, math.hypot(north_m_s, east_m_s)
 
 
 def _make(context: DeviceContext) -> Device:

@@ -86,11 +86,21 @@ SERVOS: Registry[EmulatedDevice] = Registry(
 )
 # Sensors that a vehicle may have, by section and driver; a scenario with the disturbance of that name adds them.
 INSTRUMENTS: Mapping[str, Registry[EmulatedDevice]] = {
-    name: Registry(EMULATORS, name, {"nmea": f"hil.devices.nmea_{name}:EMULATOR"}, EmulatedDevice, INTERFACE)
+    name: Registry(
+        EMULATORS,
+        name,
+        {"nmea": f"hil.devices.nmea_{name}:EMULATOR", "nmea2000": f"hil.devices.nmea2000_instruments:{name.upper()}"},
+        EmulatedDevice,
+        INTERFACE,
+    )
     for name in ("wind", "depth")
 }
 RUDDER_ANGLES: Registry[EmulatedDevice] = Registry(
-    EMULATORS, "rudder_angle", {"nmea": "hil.devices.nmea_rudder:EMULATOR"}, EmulatedDevice, INTERFACE
+    EMULATORS,
+    "rudder_angle",
+    {"nmea": "hil.devices.nmea_rudder:EMULATOR", "nmea2000": "hil.devices.nmea2000_instruments:RUDDER_ANGLE"},
+    EmulatedDevice,
+    INTERFACE,
 )
 POSITION = EmulatedDevice(interface=INTERFACE, driver="nmea", baud=9600, make=_make_gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
