@@ -109,7 +109,8 @@ class GuardedDevice:
             self._fault_count += 1
             frame = traceback.extract_tb(error.__traceback__)[-1]
             location = "" if frame.filename == __file__ else f" ({PurePath(frame.filename).name}:{frame.lineno})"
-            self._fault = f"driver of package {self._package}: {type(error).__name__}: {error}{location}"
+            reason = traceback.format_exception_only(error)[-1].strip()  # safe also if its text cannot be made
+            self._fault = f"driver of package {self._package}: {reason}{location}"
             return default
 
     def _call(self, method: str, *arguments: Any) -> Any:

@@ -140,8 +140,11 @@ def test_factory_that_raises_makes_the_device_failed(line):
             HeadingSample(1.0, 1.0, NorthReference.TRUE, pitch_rad=-1.58),
             "ValueError: pitch_rad is -1.58, expected -1.5",
         ),
-        (HeadingSample(1.0, "1.0", NorthReference.TRUE), "ValidationError: Expected `float`, got `str` - at `$.head"),
-        (HeadingSample(1.0, 1.0, 9), "ValidationError: Invalid enum value 9 - at `$.reference`"),
+        (
+            HeadingSample(1.0, "1.0", NorthReference.TRUE),
+            "msgspec.ValidationError: Expected `float`, got `str` - at `$.head",
+        ),
+        (HeadingSample(1.0, 1.0, 9), "msgspec.ValidationError: Invalid enum value 9 - at `$.reference`"),
         (HeadingSample(1.0, 1.1e10, NorthReference.TRUE), "ValueError: heading_rad is 11000000000.0"),
         (HeadingSample(1.0, -1.1e10, NorthReference.TRUE), "ValueError: heading_rad is -11000000000.0"),
         (HeadingSample(1.0, 1.0, NorthReference.TRUE, source=-1), "ValueError: source is -1"),
@@ -283,3 +286,14 @@ def test_time_that_runs_back_by_rounding_does_not_refuse_a_sample(driver, line):
     assert len(device.poll()) == 1
     device.command(RudderCommand(0.0, torque_on=True), math.nextafter(5.0, 0.0))
     assert len(device.poll()) == 1
+
+
+def test_exception_whose_text_cannot_be_made_is_named(driver, line):
+    class MuteError(Exception):
+        def __str__(self):
+            raise ValueError
+
+    driver.results["receive"] = MuteError()
+    device = guard(driver, line)
+    device.receive(5.0)
+    assert "MuteError" in device.health(5.0).text
