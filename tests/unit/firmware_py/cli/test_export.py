@@ -14,6 +14,7 @@ import jsonschema
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.cli.export import table
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
 from hil.__main__ import main as hil_main
@@ -209,3 +210,10 @@ def test_full_disk_error_names_the_output(log, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("firmware_py.cli.export.table.write", raise_full)
     assert main(["export", str(log), "--to", "csv", "--out", str(tmp_path / "a.csv")]) == 2
     assert f"{tmp_path / 'a.csv'}: No space left on device" in capsys.readouterr().err
+
+
+def test_rows_of_a_table_contain_no_absent_values():
+    """The log stores an absent number as NaN."""
+    rows = list(table.read_rows((REPLAY / "two_compasses.BIN").read_bytes()))
+    assert len(rows) > 100
+    assert all(value is not None and value == value for row in rows for value in row.values())  # noqa: PLR0124

@@ -169,3 +169,10 @@ def test_report_during_a_loss_of_the_heading_becomes_empty():
 def test_calm_has_a_speed_of_zero():
     report = report_after(*(sample(float(t_s), 0.0, 77.0) for t_s in range(5)))
     assert (report.wind_m_s, report.mean_m_s, report.sd_m_s, report.gust_m_s) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_velocity_of_a_second_is_the_mean_of_its_samples():
+    (second,) = state_after(*(sample(0.2 * n, wind, 60.0) for n, wind in enumerate((4.0, 8.0, 9.0)))).seconds
+    assert (second.count, second.wind_m_s) == (3, pytest.approx(7.0))
+    assert second.north_m_s == pytest.approx(-7.0 * math.cos(math.radians(60.0)))
+    assert second.east_m_s == pytest.approx(-7.0 * math.sin(math.radians(60.0)))

@@ -141,3 +141,11 @@ def test_pymavlinks_tools_read_the_log(tool, pattern, log, tmp_path):
 @pytest.mark.parametrize("software", ["rambler", "", "rambler 999.0.0 (git zzz)"])
 def test_a_version_without_numbers_is_written(software):
     assert encode_version(1.0, software)
+
+
+@pytest.mark.parametrize(("t_s", "pulse_us"), [(12.0, 1750), (13.0, 1750), (13.1, 0)])
+def test_manual_rudder_is_logged_until_its_timeout(t_s, pulse_us):
+    state = ArduPilotState()
+    state._manual_rudder = (10.0, 0.5)
+    data = state._encode_inputs(msgspec.structs.replace(snapshot_of(0), t_s=t_s), 3.0)
+    assert int.from_bytes(data[11:13], "little") == pulse_us  # after the head and the time

@@ -1,16 +1,14 @@
-"""Values of devices for operators: a compass, and a gyroscope without north."""
-
-import math
-
-from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.system.readings import heading_values
+from firmware_py.common.records import RudderFeedback
+from firmware_py.system.readings import rudder_values
 
 
-def test_compass_has_a_heading_with_its_reference():
-    values = heading_values(HeadingSample(1.0, math.radians(98.3), NorthReference.MAGNETIC, yaw_rate_rad_s=0.1))
-    assert values == {"heading_magnetic_deg": 98.3, "roll_deg": None, "pitch_deg": None, "temperature_c": None}
-
-
-def test_gyroscope_has_no_heading_and_says_so():
-    values = heading_values(HeadingSample(1.0, math.radians(98.3), NorthReference.RELATIVE, yaw_rate_rad_s=-0.1))
-    assert values == {"yaw_rate_deg_s": -5.73, "turned_deg": 98.3, "north": "none, gyro only"}
+def test_values_of_a_servo_are_rounded_to_their_accuracy():
+    sample = RudderFeedback(1.0, 0.123456, 21.5, 12.3456, 0.123456, 4)
+    assert rudder_values(sample) == {
+        "shaft_deg": 7.07,
+        "temperature_c": 21.5,
+        "voltage_v": 12.35,
+        "current_a": 0.123,
+        "hardware_error": 4,
+    }
+    assert rudder_values(RudderFeedback(1.0))["current_a"] is None

@@ -83,3 +83,7 @@ def test_the_reference_page_lists_the_same_actions():
         assert actions[number.name].startswith(action.value), number.name
     numbers = {*TABLE, *HARMLESS, *UNCATCHABLE, *FATAL}
     assert actions.keys() - {"SIGRTMIN", "SIGRTMAX"} == {number.name for number in numbers}
+
+
+def test_refused_suspension_has_its_reason():
+    assert send(signal.SIGTSTP) == (False, ["SIGTSTP: suspending refused; autopilot continues"])

@@ -11,6 +11,7 @@ from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
+from firmware_py.link.mission.items import new_plan_text
 from firmware_py.link.mission.plan_file import unpack
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
@@ -147,3 +148,12 @@ def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, sta
     client.ask(WRITE, encode(station.mission(3)))
     replies = station.rig.tell(client.request(TERMINATE))
     assert [text for text in texts(replies) if text.startswith("@MISSION")] == [f"@MISSION/mission.dat: {text}"]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "count", "text"),
+    [(3, 4, "New mission: items 1 to 4"), (3, 0, "New mission: 0 items"), (0, 4, "New mission: 4 items")],
+)
+def test_new_mission_is_named_by_the_numbers_of_the_ground_station(autopilot, count, text):
+    plan = Plan.of(PlanKind.MISSION, tuple(PlanItem(16, x=1, y=n) for n in range(count)))
+    assert new_plan_text(plan, autopilot) == text
