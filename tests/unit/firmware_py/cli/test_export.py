@@ -14,7 +14,7 @@ import jsonschema
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli.export import table
+from firmware_py.cli.export import mcap_file, table
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
 from hil.__main__ import main as hil_main
@@ -217,3 +217,10 @@ def test_rows_of_a_table_contain_no_absent_values():
     rows = list(table.read_rows((REPLAY / "two_compasses.BIN").read_bytes()))
     assert len(rows) > 100
     assert all(value is not None and value == value for row in rows for value in row.values())  # noqa: PLR0124
+
+
+def test_all_lines_of_the_foxglove_layout_are_shown_at_the_time_of_reception():
+    panels = mcap_file._make_layout()["configById"].values()
+    lines = [line for panel in panels for line in panel.get("paths", ())]
+    assert len(lines) > 5
+    assert {(line["enabled"], line["timestampMethod"]) for line in lines} == {(True, "receiveTime")}
