@@ -29,8 +29,14 @@ MAX_AGE_S: Final = 15.0  # of a measurement
 # Of a depth for its fault: shorter than its debounce time, because in deep water a false echo may be the last one.
 MAX_FAULT_AGE_S: Final = 5.0
 MISSING_AFTER_S: Final = 60.0  # after the start, for a sensor that has never been received
-_ROLES: Final = (DeviceRole.WIND, DeviceRole.DEPTH)
-_NAMES: Final = ("Wind sensor", "Depth sensor")
+_ROLES: Final = (
+    *(DeviceRole.WIND, DeviceRole.DEPTH),
+    *(DeviceRole.RUDDER_ANGLE, DeviceRole.COMPASS_B, DeviceRole.POWER, DeviceRole.POWER_B),
+)
+_NAMES: Final = (
+    *("Wind sensor", "Depth sensor"),
+    *("Rudder angle sensor", "Compass B", "Power monitor", "Power monitor B"),
+)
 _LOST: Final = (DeviceState.SILENT, DeviceState.ABSENT, DeviceState.FAULTY, DeviceState.FAILED)
 
 
@@ -56,11 +62,16 @@ class Reception(IntEnum):
 
 
 class InstrumentState(msgspec.Struct, frozen=True):
-    """Wind with its means, last depth, and the reception of wind sensor and echo sounder."""
+    """Wind with its means, last depth, and the reception of wind sensor and echo sounder.
+
+    `others` is the reception of the further _ROLES until they are received; later silence is a fault or a change of the
+    source of the rudder angle (core/rudder.py).
+    """
 
     wind: WindState = WindState()
     depth: DepthSample | None = None
     reception: tuple[Reception, Reception] = (Reception.NEVER, Reception.NEVER)
+    others: tuple[Reception, ...] = 4 * (Reception.NEVER,)
 
 
 def boat_motion(
@@ -100,11 +111,16 @@ def report_silence(
 
     A sensor that has never been received is reported MISSING_AFTER_S after the start; `now_s` is the time since then.
     """
-    reception, events = list(state.reception), []
+    reception, events = [*state.reception, *state.others], []
     for device in devices:
         if device.role not in _ROLES:
             continue
         number = _ROLES.index(device.role)
+        if number >= len(state.reception):
+            if reception[number] in (Reception.NEVER, Reception.EXPECTED):
+                is_missing = device.state not in (DeviceState.RUNNING, DeviceState.FAULTY)
+                reception[number] = Reception.EXPECTED if is_missing else Reception.RECEIVED
+            continue
         if device.state is DeviceState.RUNNING:
             if reception[number] is Reception.SILENT:
                 events.append(Event(Severity.NOTICE, f"{_NAMES[number]}: data recovered"))
@@ -118,14 +134,14 @@ def report_silence(
         if reception[number] is Reception.EXPECTED and now_s >= MISSING_AFTER_S:
             events.append(Event(Severity.WARNING, f"{name}: no data"))
             reception[number] = Reception.SILENT
-    if tuple(reception) == state.reception:
+    if reception == [*state.reception, *state.others]:
         return state, ()
-    return replace(state, reception=(reception[0], reception[1])), tuple(events)
+    return replace(state, reception=(reception[0], reception[1]), others=tuple(reception[2:])), tuple(events)
 
 
 def is_expected(state: InstrumentState) -> bool:
     """Return whether a sensor has never been received."""
-    return Reception.EXPECTED in state.reception
+    return Reception.EXPECTED in state.reception or Reception.EXPECTED in state.others
 
 
 def is_recent(measurement: Wind | DepthSample | None, now_s: float) -> bool:

@@ -16,7 +16,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "look up the number in its manual; `rambler status` names the device",
     ),
     "<sensor>: no data": (
-        "wind or depth sensor: no message any more, its port is missing, or its driver package has failed",
+        "a sensor sends nothing any more or since the start, its port is missing, or its driver package has failed",
         "steering is not affected; at the boat: check power and cable; `rambler status` names the port",
     ),
     "<sensor>: data recovered": ("messages of the wind or depth sensor arrive again", _NOTHING),

@@ -155,6 +155,28 @@ def test_sensor_that_was_never_received_is_reported_once_after_a_minute(first):
     assert (events, instruments.report_silence(received, (), 60.0)) == ((), (received, ()))
 
 
+@pytest.mark.parametrize(
+    ("role", "name"),
+    [
+        (DeviceRole.RUDDER_ANGLE, "Rudder angle sensor"),
+        (DeviceRole.COMPASS_B, "Compass B"),
+        (DeviceRole.POWER, "Power monitor"),
+        (DeviceRole.POWER_B, "Power monitor B"),
+    ],
+)
+def test_further_device_is_reported_only_if_it_was_never_received(role, name):
+    starting, running = (health(role, device_state) for device_state in (DeviceState.STARTING, DeviceState.RUNNING))
+    state, events = instruments.report_silence(InstrumentState(), (starting,), 1.0)
+    assert (events, instruments.is_expected(state)) == ((), True)
+    missing, (event,) = instruments.report_silence(state, (), 60.0)
+    assert (event.severity, event.text) == (Severity.WARNING, f"{name}: no data")
+    assert instruments.report_silence(missing, (running, starting), 70.0) == (missing, ())
+    for talking in (running, health(role, DeviceState.FAULTY)):
+        received, events = instruments.report_silence(state, (talking,), 2.0)
+        assert (events, instruments.is_expected(received)) == ((), False)
+    assert instruments.report_silence(received, (health(role, DeviceState.SILENT), starting), 60.0) == (received, ())
+
+
 def test_boat_without_these_sensors_reports_nothing():
     assert instruments.report_silence(InstrumentState(), (), 60.0) == (InstrumentState(), ())
 
