@@ -85,8 +85,7 @@ class SourceSelection:
         """Why there is nothing from the configured address although another device sends; empty if so."""
         if self._unused is None or self._address is not None:
             return ""
-        other = _describe(self._unused, self._names.get(self._unused))
-        return f"no {self._quantity} from source 0x{self._configured:02x}, but from {other}"
+        return f"no {self._quantity} from source 0x{self._configured:02x}, but from 0x{self._unused:02x}"
 
     def _report_unused(self, source: int) -> None:
         if self._address is None and self._configured not in (AUTOMATIC, source):
