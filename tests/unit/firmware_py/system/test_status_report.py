@@ -10,6 +10,7 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import (
+    CalibrationState,
     DepthSample,
     DeviceHealth,
     DeviceRole,
@@ -25,22 +26,27 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.reports import (
+    Activity,
     DeadReckoningPosition,
     Energy,
+    Estimate,
     Flow,
     Home,
     MissionReport,
+    MissionState,
     Navigation,
     Power,
     SwingReport,
+    Water,
     Wind,
 )
+from firmware_py.common.vessels import Traffic, Vessel, VesselKind, VesselPosition
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.system.readings import device_values, format_device
-from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSources
+from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSources, calibration_values
 
 MAX_EVENTS = 30
 
@@ -179,6 +185,134 @@ WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42,
 def test_a_section_contains_the_values_of_the_snapshot(boat, section, changes, values):
     section_values = boat.status(**changes)[section]
     assert {name: section_values[name] for name in values} == values
+
+
+ANGLE_RAD, NUMBER = 0.1234567, 12.3456789  # 7.07354785 degrees
+ESTIMATE = Estimate(
+    1, ANGLE_RAD, ANGLE_RAD, 0.0, 0.0, -ANGLE_RAD, 0.0, NUMBER, ANGLE_RAD, ANGLE_RAD, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+    NUMBER, yaw_diffusion_rad2_s=0.00123456, prediction_square=1.23456,
+)  # fmt: skip
+WATER = Water(0.123456, 0.0123456, 0.345678, -0.456789, 0.0567891, -ANGLE_RAD)
+SWING = SwingReport(
+    CalibrationState.DONE,
+    70,
+    41,
+    0b1011,
+    (0.0,) * 5,
+    (ANGLE_RAD, -0.02, 0.03, 0.01, -0.01),
+    ANGLE_RAD,
+    0.02,
+    0.03,
+    0.01,
+)
+
+
+@pytest.mark.parametrize(
+    ("section", "changes", "values"),
+    [
+        (
+            "rudder",
+            {"rudder_rad": ANGLE_RAD, "rudder_estimate_rad": -ANGLE_RAD, "rudder_command_rad": 0.2, "rudder_ok": True,
+             "gain_reduction": NUMBER, "servo": RudderFeedback(6.54321), "t_s": 10.0},
+            {"angle_deg": 7.07, "estimated_deg": -7.07, "command_deg": 11.46, "ok": True, "helm_softness": 12.35,
+             "age_s": 3.5},
+        ),
+        (
+            "position",
+            {"dead_reckoning": DeadReckoningPosition(ANGLE_RAD, -ANGLE_RAD, 0.3, 0.0, NUMBER, NUMBER)},
+            {"reckoned_lat_deg": 7.07355, "reckoned_lon_deg": -7.07355, "reckoned_sd_m": 12.0, "reckoned_s": 12.0},
+        ),
+        (
+            "navigation",
+            {"navigation": Navigation(Activity.LINE, ANGLE_RAD, -ANGLE_RAD, NUMBER, -NUMBER, fence_margin_m=NUMBER),
+             "distance_m": NUMBER, "bearing_rad": -ANGLE_RAD,
+             "mission": MissionReport(MissionState.ACTIVE, 2, 5, first_item_number=1)},
+            {"activity": "LINE", "target_lat_deg": 7.0735479, "target_lon_deg": -7.0735479, "radius_m": 12.3,
+             "distance_m": 12.3, "bearing_deg": 352.9, "cross_track_m": -12.3, "fence_margin_m": 12.3,
+             "mission": "ACTIVE", "item": 3, "items": 5, "first_item": 1},
+        ),
+        ("home", {"home": Home(ANGLE_RAD, -ANGLE_RAD, 0.0)}, {"lat_deg": 7.0735479, "lon_deg": -7.0735479}),
+        (
+            "estimate",
+            {"estimate": ESTIMATE, "water": WATER},
+            {"heading_source": "compass_b", "heading_deg": 7.07, "heading_sd_deg": 7.07, "rudder_bias_deg": -7.07,
+             "wave_period_s": 12.3, "wave_sd_deg": 7.07, "compass_noise_deg": 7.07, "yaw_diffusion_deg2_s": 4.053,
+             "prediction_square": 1.23, "innovation_square": 12.35, "speed_m_s": 0.123, "speed_sd_m_s": 0.012,
+             "current_m_s": 0.573, "current_to_deg": 307.0, "current_sd_m_s": 0.057, "leeway_deg": -7.1},
+        ),
+        (
+            "energy",
+            {"energy": Energy(0.0, 0, 4567.89, ANGLE_RAD, NUMBER, NUMBER, resting=True)},
+            {"steering_wh": 1.269, "servo_power_w": 12.35, "travel_deg_per_h": 7.0, "reversals_per_h": 12.0,
+             "servo_resting": True},
+        ),
+        (
+            "power",
+            {"power": Power(NUMBER, -NUMBER, 0.876543, NUMBER, NUMBER, NUMBER, *[Flow(4567.89, 1.0)] * 4),
+             "power_saving_level": 1},
+            {"saving": "saves", "battery_v": 12.35, "battery_a": -12.35, "charge_percent": 87.7, "battery_c": 12.0,
+             "solar_w": 12.3, "load_w": 12.35, "solar_wh": 1.27, "load_wh": 1.27, "charged_wh": 1.27,
+             "discharged_wh": 1.27},
+        ),
+        (
+            "wind",
+            {"wind": Wind(6.54321, NUMBER, ANGLE_RAD, 0.0, 0.0, NUMBER, ANGLE_RAD, NUMBER, ANGLE_RAD, 0.0, NUMBER),
+             "t_s": 10.0},
+            {"ok": False, "age_s": 3.5, "wind_m_s": 12.3, "wind_from_deg": 7.0, "mean_wind_m_s": 12.3,
+             "mean_wind_from_deg": 7.0, "gust_m_s": 12.3, "apparent_wind_m_s": 12.3, "apparent_wind_deg": 7.0},
+        ),
+        ("depth", {"depth": DepthSample(6.54321, NUMBER), "t_s": 10.0}, {"ok": False, "age_s": 3.5, "depth_m": 12.3}),
+    ],
+)  # fmt: skip
+def test_values_of_a_section_are_rounded_to_their_accuracy(boat, section, changes, values):
+    section_values = boat.status(**changes)[section]
+    assert {name: section_values[name] for name in values} == values
+    assert section == "rudder" or section_values.keys() - values.keys() <= {"ok"}
+
+
+@pytest.mark.parametrize(("level", "text"), [(0, "nothing"), (1, "saves"), (2, "keeps heading")])
+def test_saving_of_energy_has_a_name(boat, level, text):
+    assert boat.status(power=POWER, power_saving_level=level)["power"]["saving"] == text
+
+
+def test_proposal_of_a_compass_swing_is_rounded():
+    assert calibration_values(SWING) == {
+        "compass": "proposal waits", "percent": 70, "minutes": 41, "sectors": 3, "a_deg": 7.07, "b_deg": -1.15,
+        "c_deg": 1.72, "d_deg": 0.57, "e_deg": -0.57, "sd_deg": 7.07, "in_force_off_deg": 1.15,
+        "residual_before_deg": 1.72, "residual_after_deg": 0.57,
+    }  # fmt: skip
+    assert calibration_values(replace(SWING, state=CalibrationState.RUNNING))["compass"] == "under way"
+    assert calibration_values(SwingReport()) == {}
+
+
+def vessel(mmsi, distance_m, near_s=None):
+    position = VesselPosition(6.54321, mmsi, VesselKind.CLASS_A, 0.0, 0.0, NUMBER, -ANGLE_RAD)
+    return Vessel(position, None, None, 0, distance_m, ANGLE_RAD, 234.567, 345.678, near_s)
+
+
+def test_five_vessels_are_listed_in_the_order_of_urgency(boat):
+    vessels = (
+        *(vessel(211000000 + n, 1000.0 - n) for n in range(5)), vessel(211000009, 2000.0, 5.0),
+        vessel(970000001, 9000.0), vessel(211000010, None),
+    )  # fmt: skip
+    traffic = boat.status(t_s=10.0, traffic=Traffic(vessels, rejected=3, aside_rad=-ANGLE_RAD))["traffic"]
+    assert (traffic["vessels"], traffic["no_room_for"], traffic["aside_deg"]) == (8, 3, 353.0)
+    listed = [row["mmsi"] for row in traffic["nearest"]]
+    assert listed == [970000001, 211000009, 211000004, 211000003, 211000002]
+    row = traffic["nearest"][1]
+    assert {name: row[name] for name in row if name != "title"} == {
+        "mmsi": 211000009, "age_s": 3.0, "distance_m": 2000.0, "bearing_deg": 7.0, "sog_m_s": 12.3, "cog_deg": 353.0,
+        "cpa_m": 235.0, "cpa_in_s": 346.0, "near": True,
+    }  # fmt: skip
+    assert not traffic["nearest"][2]["near"]
+
+
+def test_loop_and_clock_are_rounded_to_milliseconds(boat):
+    status = boat.status(10.06, rate_hz=NUMBER, late_s=0.0123456789, skipped_total=4, tick=8)
+    assert status["uptime_s"] == 10.1
+    assert status["loop"] == {
+        "rate_hz": 12.346, "ticks": 9, "skipped": 4, "late_ms": 12.346, "processor_percent": 1.25
+    }  # fmt: skip
 
 
 def test_values_that_the_snapshot_does_not_have_are_omitted(boat):
