@@ -203,3 +203,17 @@ def test_any_json_is_read_or_refused(value, section, key):
     for content in (value, {key: [value]}):
         with contextlib.suppress(PlanFileError):
             read_plan(json.dumps({"fileType": "Plan", section: content}), "a")
+
+
+def test_vertices_and_circles_of_a_fence_have_no_further_parameters():
+    """Parameters without a meaning are 0, as a ground station reads them back."""
+    polygon = {"version": 1, "inclusion": True, "polygon": [[1.0, 2.0], [1.0, 3.0], [2.0, 2.0]]}
+    circle = {"version": 1, "inclusion": False, "circle": {"center": [4.0, 5.0], "radius": 90.0}}
+    section = {"version": 2, "polygons": [polygon], "circles": [circle]}
+    fence = read_plan(json.dumps({"fileType": "Plan", "geoFence": section}), "a.plan")[0]
+    assert [(item.command, item.params, item.x, item.y, item.z) for item in fence.items] == [
+        (5001, (3.0, 0.0, 0.0, 0.0), 10_000_000, 20_000_000, 0.0),
+        (5001, (3.0, 0.0, 0.0, 0.0), 10_000_000, 30_000_000, 0.0),
+        (5001, (3.0, 0.0, 0.0, 0.0), 20_000_000, 20_000_000, 0.0),
+        (5004, (90.0, 0.0, 0.0, 0.0), 40_000_000, 50_000_000, 0.0),
+    ]

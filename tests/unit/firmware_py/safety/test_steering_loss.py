@@ -6,7 +6,17 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.steering_loss import RESPONSES, SteeringLossState, restart_after_gap, update
+from firmware_py.safety.steering_loss import (
+    INTERRUPTED,
+    LOST,
+    RECOVERED,
+    RESPONSES,
+    ResponseState,
+    SteeringLossState,
+    restart_after_gap,
+    restart_all,
+    update,
+)
 
 CORRELATION_S = 100.0
 INITIAL_DISTURBANCE_RAD = math.radians(2.0)
@@ -242,3 +252,20 @@ def test_wind_of_half_a_rudder_hides_a_loss_and_half_of_that_does_not(speed_m_s)
         assert not lost.state.lost
     lost = Boat(turn_ratio=0.0, speed_m_s=speed_m_s, wind_rad=0.125 * rudder_rad)
     assert lost.hold(120.0, rudder_rad, 1.0) is not None
+
+
+@pytest.mark.parametrize("reason", [INTERRUPTED, LOST, RECOVERED])
+def test_restart_keeps_each_filter_with_its_own_response(reason):
+    """After a loss all begin at the nominal boat without a rudder, after a recovery at their own with a rudder."""
+    boats = tuple(
+        ResponseState(0.01 * n, 0.1 + n, 0.2 + 2.0 * n, 0.3 * n, 0.4 + 3.0 * n, 0.5 + 5.0 * n, 6.0) for n in range(16)
+    )
+    turn_ratios = [1.0] * 8 + [0.5] * 4 + [-1.0] * 4
+    for n, boat in enumerate(restart_all(boats, reason)):
+        residual_rad, disturbance_rad = 0.0, 0.2 + 2.0 * n
+        if reason == LOST:
+            residual_rad, disturbance_rad = 0.5, -0.3
+        if reason == RECOVERED:
+            residual_rad = 0.1 + n - turn_ratios[n] * (0.4 + 3.0 * n)
+            disturbance_rad += turn_ratios[n] * (0.5 + 5.0 * n)
+        assert boat == pytest.approx((0.01 * n, residual_rad, disturbance_rad, 0.3 * n, 0.0, 0.0, 0.0))

@@ -78,3 +78,26 @@ def test_flood_of_ten_thousand_vessels_has_bounded_work_and_memory(line, deliver
     # Each sentence that was read is decoded or counted.
     read = 600 * 100 - len(line.inbox) / len(ship(numbers[0]))
     assert abs(health.accepted + health.rejected - read) <= 2
+
+
+def test_a_hundred_sentences_are_decoded_at_once_and_then_eighty_a_second(line, receiver):
+    reports = [ship(200_000_000 + number) for number in range(300)]
+
+    def accepted_after(count, now_s):
+        line.inbox += b"".join(reports[:count])
+        while line.inbox:
+            receiver.receive(now_s)
+            while receiver.poll():
+                pass
+        return receiver.health(now_s).accepted
+
+    assert accepted_after(120, 10.0) == 100
+    assert accepted_after(60, 10.5) == 140
+    assert receiver.health(10.5).rejected == 40
+    assert accepted_after(150, 60.0) == 240
+
+
+@pytest.mark.parametrize(("now_s", "state"), [(600.9, DeviceState.RUNNING), (601.1, DeviceState.SILENT)])
+def test_receiver_is_silent_after_ten_minutes(deliver, receiver, now_s, state):
+    deliver(receiver, ship(211000001), now_s=1.0)
+    assert receiver.health(now_s).state is state

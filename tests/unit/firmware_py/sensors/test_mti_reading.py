@@ -153,3 +153,46 @@ def test_decoded_capture():
         {"line": 5, "offset": 65, "type": "error", "error": "malformed", "detail": "data message malformed"},
         {"line": 6, "offset": 73, "type": "error", "error": "malformed", "bytes": 4},
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("rate_rad_s", "is_valid"), [(40.0, True), (40.5, False)])
+def test_rate_beyond_the_range_of_a_gyroscope_is_rejected(rate_rad_s, is_valid, sign):
+    data = euler(0.0, 0.0, 10.0) + item(0x8020, floats(0.0, 0.0, sign * rate_rad_s))
+    if is_valid:
+        assert read_data(data).yaw_rate_deg_s == pytest.approx(sign * math.degrees(rate_rad_s))
+    else:
+        with pytest.raises(MessageError):
+            read_data(data)
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "is_valid"), [(-100.0, True), (-101.0, False), (150.0, True), (151.0, False)]
+)
+def test_impossible_temperature_is_rejected(temperature_c, is_valid):
+    data = item(0x0810, floats(temperature_c))
+    if is_valid:
+        assert read_data(data).temperature_c == temperature_c
+    else:
+        with pytest.raises(MessageError):
+            read_data(data)
+
+
+@pytest.mark.parametrize(
+    ("angles", "is_valid"),
+    [((180.0, 90.0, 180.0), True), ((-180.0, -90.0, -180.0), True), ((181.0, 0.0, 0.0), False),
+     ((-181.0, 0.0, 0.0), False), ((0.0, 91.0, 0.0), False), ((0.0, -91.0, 0.0), False), ((0.0, 0.0, 181.0), False),
+     ((0.0, 0.0, -181.0), False)],
+)  # fmt: skip
+def test_impossible_angle_is_rejected(angles, is_valid):
+    if is_valid:
+        assert read_data(euler(*angles)).pitch_deg == angles[1]
+    else:
+        with pytest.raises(MessageError):
+            read_data(euler(*angles))
+
+
+@pytest.mark.parametrize(("pitch_deg", "is_known"), [(79.0, True), (81.0, False), (-79.0, True), (-81.0, False)])
+def test_yaw_rate_of_a_device_that_is_nearly_vertical_is_unknown(pitch_deg, is_known):
+    data = euler(0.0, pitch_deg, 10.0) + item(0x8020, floats(0.0, 0.0, 0.5))
+    assert (read_data(data).yaw_rate_deg_s is not None) is is_known

@@ -110,3 +110,27 @@ def test_open_messages_are_limited(joiner):
     assert joiner.lost == 8
     assert add(joiner, frames()[1:], 0, now_s=0.1) == []  # the oldest was dropped
     assert add(joiner, frames()[1:], 39, now_s=0.1) == [Message(FAST, 39, DATA)]
+
+
+@pytest.mark.parametrize(("interval_s", "count"), [(0.75, 1), (0.8, 0)])
+def test_frames_of_a_fast_packet_follow_within_three_quarters_of_a_second(joiner, interval_s, count):
+    first, second, *others = frames()
+    assert add(joiner, [first], now_s=1.0) == []
+    assert len(add(joiner, [second, *others], now_s=1.0 + interval_s)) == count
+    assert joiner.lost == 1 - count
+
+
+@pytest.mark.parametrize(("length", "lost"), [(0, 1), (223, 0), (224, 1)])
+def test_length_of_a_fast_packet_is_limited(joiner, length, lost):
+    assert add(joiner, [bytes((0, length)) + bytes(6)]) == []
+    assert joiner.lost == lost
+
+
+@pytest.mark.parametrize(("others", "lost"), [(31, 0), (32, 1)])
+def test_oldest_of_33_incomplete_packets_is_dropped(joiner, others, lost):
+    first, *rest = frames()
+    add(joiner, [first], source=0)
+    for source in range(1, others + 1):
+        add(joiner, [first], source=source, now_s=0.1)
+    assert joiner.lost == lost
+    assert len(add(joiner, rest, source=0, now_s=0.2)) == 1 - lost
