@@ -523,6 +523,19 @@ def conversation(servo):
     return Conversation(servo)
 
 
+def test_each_lost_state_makes_the_next_read_longer_up_to_the_longest(conversation):
+    driver, blocks = conversation.servo, []
+    conversation.run(1.0)
+    for tick in range(6):
+        driver.command(0.1, 2.0 + tick, torque_on=True)
+        while (request := driver.next_request(2.0 + tick)).block is None:
+            driver.note_sent(request, 2.0 + tick)
+        driver.note_sent(request, 2.0 + tick)
+        driver.note_lost(request)
+        blocks.append(request.block.start)
+    assert blocks == [40, 37, 34, 28, 25, 40]
+
+
 def test_failed_correction_is_repeated_every_two_seconds(conversation, servo):
     servo.ignored_addresses.add(40)
     assert conversation.run(1.0) == [41, 40, 40, 40]

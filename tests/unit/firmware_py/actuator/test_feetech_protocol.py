@@ -90,6 +90,17 @@ def test_reply_after_a_truncated_one_is_decoded_at_once():
         assert parser.pending == 0 or size < 4
 
 
+def test_checksum_and_the_byte_after_it_do_not_complete_a_header():
+    """A reply ends with FF FF 01, and its checksum is a length; or with FF FF, and its checksum is the id."""
+    for end, checksum in ((b"\xff\xff\x01", 2), (b"\xff\xff", 1)):
+        data = bytes(31 - len(end)) + end
+        (fill,) = (value for value in range(256) if reply(bytes((value,)) + data[1:])[-1] == checksum)
+        data = bytes((fill,)) + data[1:]
+        parser = protocol.ReplyParser(1)
+        assert parser.feed(reply(data) + b"\x02") == [protocol.Reply(0, data)]
+        assert parser.rejected == 0
+
+
 def test_header_of_four_bytes_of_which_three_are_equal():
     assert protocol.ReplyParser(1).feed(b"\xff\xff\xff" + reply()) == [protocol.Reply(0, b"")]
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_py.actuator.maestro import MaestroOptions, crc7, maestro_rudder
+from firmware_py.actuator.maestro import MaestroOptions, ReplyParser, crc7, maestro_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 from hil.devices.hobby_servo import HobbyServo
 from hil.devices.maestro import MaestroEmulator, divide
@@ -94,6 +94,12 @@ def test_options_are_in_the_frames(fakes):
 def test_crc_of_the_manual():
     """Section 5.d: the command 83 01 has the CRC 17."""
     assert crc7(bytes.fromhex("83 01")) == 0x17
+
+
+def test_replies_are_two_bytes_and_each_is_returned_once():
+    parser = ReplyParser()
+    assert (parser.feed(b"\x01\x02\x03"), parser.pending) == ([0x0201], 1)
+    assert (parser.feed(b"\x04"), parser.pending) == ([0x0403], 0)
 
 
 def test_every_command_has_a_crc_if_the_maestro_requires_one(fakes):
@@ -236,6 +242,15 @@ def test_line_that_was_opened_again_begins_with_a_search(rig, line):
     line.written.clear()
     assert rig.ticks(3)[-1].restarts == 0  # the missing port is reported as such
     assert line.written[0] == bytes.fromhex("AA 0C 21")
+
+
+def test_position_from_before_the_line_was_reopened_is_not_used(rig, line, maestro):
+    rig.ticks(3)
+    handle = maestro.handle
+    maestro.handle = lambda data: handle(data) if data[0] == 0xAA else b""
+    line.plug()
+    rig.ticks(2)
+    assert rig.health().state is DeviceState.STARTING
 
 
 def test_prompt_io_is_needed_while_the_target_waits(fakes):

@@ -137,6 +137,14 @@ def test_no_heading_after_a_restart_until_the_next_status(rig, is_reopened):
     assert rig.headings(1.3, board.ekf(), board.attitude(boot_ms=600)) == [98.5]
 
 
+def test_wait_for_a_status_begins_again_after_a_reopened_line(rig):
+    board = rig.board
+    assert rig.headings(1.0, board.ekf(flags=NOT_READY), board.attitude()) == []
+    rig.line.plug()
+    assert rig.headings(20.0, board.heartbeat(), board.heartbeat(), board.attitude()) == []
+    assert rig.health(20.0) == (DeviceState.RUNNING, "")
+
+
 @pytest.mark.parametrize(
     "values",
     [

@@ -128,6 +128,13 @@ def test_second_source_takes_over_after_silence_without_values_of_the_first(deli
     assert deliver(compass, heading(10.0), now_s=5.1) == ()
 
 
+def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, compass):
+    deliver(compass, rate(5.0), attitude(1.0, 1.0), heading(10.0, n2k.TRUE) * 3, now_s=1.0)
+    line.plug()
+    (sample,) = deliver(compass, heading(20.0), now_s=1.1)
+    assert (degrees([sample]), sample.yaw_rate_rad_s, sample.roll_rad) == ([20.0], None, None)
+
+
 def test_configured_source(line, deliver):
     compass = Nmea2000Compass(line, Nmea2000Options(source=0x24))
     assert degrees(deliver(compass, heading(10.0), heading(20.0, source=0x24))) == [20.0]
@@ -226,6 +233,8 @@ def test_options():
     for values in ({"source": -2}, {"source": 252}, {"gateway": "nmea"}):
         with pytest.raises(ValueError, match=next(iter(values))):
             record_from(Nmea2000Options, values)
+        with pytest.raises(ValueError, match=next(iter(values))):
+            Nmea2000Options(**values)
     assert record_from(Nmea2000Options, {"source": 251, "gateway": "yd_raw"}).source == 251
 
 

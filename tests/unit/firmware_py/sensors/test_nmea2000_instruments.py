@@ -76,6 +76,21 @@ def test_text_of_a_device_that_sends_no_angle(deliver, make):
         DeviceState.SILENT,
         "no rudder angle from the device",
     )
+    deliver(sensor, rudder(1.0), now_s=9.1)
+    assert sensor.health(9.1).text == ""
+
+
+@pytest.mark.parametrize(
+    ("section", "invalid", "valid"),
+    [("wind", wind(None, 1.0), wind(1.0, 1.0)), ("depth", depth(0), depth(1.0))],
+)
+def test_text_ends_with_the_next_valid_message(deliver, make, section, invalid, valid):
+    sensor = make(section)
+    deliver(sensor, valid)
+    deliver(sensor, invalid)
+    assert sensor.health(1.0).text
+    deliver(sensor, valid)
+    assert sensor.health(1.0).text == ""
 
 
 def test_instances_of_the_vehicle_file():
@@ -83,6 +98,13 @@ def test_instances_of_the_vehicle_file():
     for instance in (-2, 253):
         with pytest.raises(ValueError, match="instance"):
             record_from(Nmea2000RudderOptions, {"instance": instance})
+
+
+@pytest.mark.parametrize("section", ["rudder", "wind", "depth"])
+def test_options_of_the_bus_are_checked_in_every_section(make, section):
+    for options in ({"source": 252}, {"gateway": "nmea"}):
+        with pytest.raises(ValueError, match=next(iter(options))):
+            make(section, **options)
 
 
 @pytest.mark.parametrize(("section", "message"), [("wind", "wind"), ("depth", "depth")])

@@ -180,3 +180,11 @@ def test_reopened_line_forgets_the_receiver(line, deliver, receiver):
     assert deliver(receiver, rapid(), now_s=4.1) == ()
     (fix,) = deliver(receiver, rapid(), now_s=4.2)
     assert (fix.fix, fix.speed_over_ground_m_s) == (FixType.FIX_2D, None)
+
+
+def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, receiver):
+    (_, fix) = deliver(receiver, gnss(), time(UTC_S), course(10.0, 1.0), gnss(utc_s=None))
+    assert (fix.course_over_ground_rad is None, fix.utc_s is None) == (False, False)
+    line.plug()
+    (fix,) = deliver(receiver, gnss(utc_s=None), now_s=1.1)
+    assert (fix.course_over_ground_rad, fix.speed_over_ground_m_s, fix.utc_s) == (None, None, None)

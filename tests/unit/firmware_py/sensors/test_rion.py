@@ -203,6 +203,14 @@ def test_automatic_output_is_read_without_requests(line, compass, exchange):
     assert exchange(compass, 6.33) == [ASK_68]
 
 
+def test_rare_automatic_output_is_read_without_requests_of_angles(line, compass, exchange):
+    requests = []
+    for step in range(500):
+        line.inbox += angles() if step % 100 == 0 else b""
+        requests += exchange(compass, -0.4 + step / 100)
+    assert requests == [DECLINATION_68] * 3
+
+
 def test_compass_that_sends_by_itself_is_asked_for_its_declination_only(line, compass, exchange):
     requests = []
     for step in range(200):

@@ -89,6 +89,11 @@ def test_axes_of_the_sensor(compass, exchange, sensor_deg, boat_deg):
     assert (sample.t_s, sample.reference, sample.variation_rad) == (0.2, NorthReference.MAGNETIC, None)
 
 
+def test_health_before_the_first_bytes(make, line):
+    health = WitmotionCompass(line, WitmotionOptions()).health(0.0)
+    assert (health.state, health.accepted) == (DeviceState.STARTING, 0)
+
+
 def test_heading_of_a_boat_that_pitches_and_heels_is_not_minus_yaw(compass, exchange):
     """In the sequence Z-Y-X the ahead axis y is turned by pitch and roll: by atan(tan 20 sin 20) here."""
     exchange(compass, 0.2, angle(20.0, 20.0, 0.0))
