@@ -222,3 +222,44 @@ def test_message_without_a_position_is_no_report_except_of_a_distress_beacon():
         assert decode_reports(payload(1, mmsi, **unavailable, status=14), 5.0) == (VesselIdentity(5.0, mmsi),)
         (report,) = decode_reports(payload(1, mmsi, status=14), 5.0)
         assert report.status == 14
+
+
+def coded(message_type, bits, part=0):
+    """Return the payload of a message of zeros with this number of bits, and its number of fill bits."""
+    fill_bits = -bits % 6
+    number = (message_type << (bits - 6) | part << (bits - 40)) << fill_bits
+    values = [number >> shift & 63 for shift in range(bits + fill_bits - 6, -1, -6)]
+    return bytes(value + 48 if value < 40 else value + 56 for value in values), fill_bits
+
+
+@pytest.mark.parametrize(
+    ("message_type", "part", "min_bits", "max_bits"),
+    [
+        *((number, 0, 149, 174) for number in (1, 2, 3, 4)), (5, 0, 420, 426), (18, 0, 148, 174), (19, 0, 301, 318),
+        (21, 0, 268, 400), (24, 0, 160, 312), (24, 1, 162, 312), (27, 0, 94, 168),
+    ],
+)  # fmt: skip
+def test_length_of_a_message_is_that_of_its_type(message_type, part, min_bits, max_bits):
+    for bits in (min_bits, max_bits):
+        assert read_payload(*coded(message_type, bits, part)).message_type == message_type + part
+    for bits in (min_bits - 1, max_bits + 1):
+        with pytest.raises(MessageError, match=f"{bits} bits for a message of type {message_type}"):
+            read_payload(*coded(message_type, bits, part))
+
+
+def test_part_of_type_24_that_does_not_exist_is_no_message():
+    assert read_payload(*coded(24, 168, 2)) is None
+    assert read_payload(*coded(25, 168)) is None
+
+
+@pytest.mark.parametrize(
+    ("number", "deg_min"), [(126, 708.7), (-126, -708.7), (127, None), (-127, None), (-128, None), (0, 0.0)]
+)
+def test_turn_is_a_square_and_unknown_if_only_its_direction_is_sent(number, deg_min):
+    (report,) = decode_reports(payload(1, turn=number), 0.0)
+    expected = None if deg_min is None else pytest.approx(math.radians(deg_min / 60.0), rel=1e-4)
+    assert report.turn_rad_s == expected
+
+
+def test_largest_mmsi_is_accepted():
+    assert decode_reports(payload(1, 999_999_999), 0.0)[0].mmsi == 999_999_999

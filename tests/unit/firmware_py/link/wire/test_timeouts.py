@@ -100,3 +100,30 @@ def test_line_slower_than_any_radio_has_the_timeouts_of_a_satellite():
     assert timeouts_of(MemoryTransport()) == FAST
     assert timeouts_of(MemoryTransport(byte_rate=100.0, has_radio_rates=True)) == RADIO
     assert timeouts_of(MemoryTransport(byte_rate=99.0, has_radio_rates=True)) == SATELLITE
+
+
+@pytest.mark.parametrize(
+    ("timeouts", "shortest_s", "first_s", "longest_s", "yield_s", "give_up_s"),
+    [
+        (FAST, 0.15, 0.5, 1.5, 5.0, 15.0),
+        (RADIO, 0.7, 1.5, 5.0, 15.0, 60.0),
+        (SATELLITE, 30.0, 120.0, 240.0, 600.0, 1200.0),
+    ],
+)
+def test_limits_of_each_kind_of_link(timeouts, shortest_s, first_s, longest_s, yield_s, give_up_s):
+    timer = timer_after(timeouts=timeouts)
+    assert not timer.is_due(100.0 + first_s - 0.01)
+    assert timer.is_due(100.0 + first_s)
+    for _ in range(9):
+        timer.add_repetition(100.0)
+    assert not timer.is_due(100.0 + longest_s - 0.01)
+    assert timer.is_due(100.0 + longest_s)
+    quick = timer_after(*[0.001] * 5, timeouts=timeouts)
+    assert not quick.is_due(100.0 + shortest_s - 0.01)
+    assert quick.is_due(100.0 + shortest_s)
+    assert (timer.give_up_s, timeouts.yield_s) == (give_up_s, yield_s)
+
+
+@pytest.mark.parametrize(("response_s", "give_up_s"), [(1.4, 15.0), (1.6, 16.0), (30.0, 300.0)])
+def test_exchange_ends_after_ten_response_times(response_s, give_up_s):
+    assert timer_after(response_s).give_up_s == pytest.approx(give_up_s)
