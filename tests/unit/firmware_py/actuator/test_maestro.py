@@ -263,6 +263,14 @@ def test_prompt_io_is_needed_while_the_target_waits(fakes):
     assert not rudder.needs_prompt_io()
 
 
+def test_errors_are_read_late_in_a_tick_if_there_was_no_time_early(fakes, maestro):
+    rudder = maestro_rudder(fakes.line(maestro), MaestroOptions())
+    for tick in range(40):
+        rudder.receive(1.098 + tick / 10)  # the reply of the tick
+        rudder.command(RudderCommand(0.1, torque_on=True), 1.1 + tick / 10)
+    assert 2 <= maestro.commands.count(0xA1) <= 4
+
+
 def test_limited_pulse_is_reported(rig):
     rig.ticks(3, shaft_deg=60.0)
     assert rig.health().text == "pulse limited by min_us or max_us"

@@ -188,3 +188,10 @@ def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, re
     line.plug()
     (fix,) = deliver(receiver, gnss(utc_s=None), now_s=1.1)
     assert (fix.course_over_ground_rad, fix.speed_over_ground_m_s, fix.utc_s) == (None, None, None)
+
+
+def test_complete_fixes_are_awaited_from_the_first_message_after_a_reopened_line(deliver, line, receiver):
+    deliver(receiver, gnss())
+    line.plug()
+    deliver(receiver, now_s=1.1)
+    assert [len(deliver(receiver, rapid(), now_s=now_s)) for now_s in (10.0, 10.1, 20.0)] == [0, 0, 1]
