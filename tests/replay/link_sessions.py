@@ -187,12 +187,8 @@ def set_targets(session):
         session.note_intents()
 
 
-def talk(verdict):
-    """Return the replies to commands, parameters, plans, streams and sticks, with one verdict for all requests."""
-    session = Session(addresses=("station", "other"))
-    session.rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "reason")
-    session.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    session.tick()
+def send_commands(session):
+    """Send every command with every choice of values, as COMMAND_LONG and COMMAND_INT."""
     for number in COMMANDS:
         for values in CHOICES:
             session.rig.now_s += 3.0
@@ -216,6 +212,10 @@ def talk(verdict):
                 session.tell(message)
             session.note_intents()
         session.tick()
+
+
+def transfer_plans(session):
+    """Upload, read, select and clear plans of every kind."""
     plans = (
         (0, (item(16, 0, 0), item(16, 50, 0, 5), item(19, 50, 50, 60, 0, -30), item(177, None, None, 1, 2), item(20))),
         (1, tuple(item(5001, north_m, east_m, 3) for north_m, east_m in ((-90, -90), (90, 0), (-90, 90)))),
@@ -237,6 +237,10 @@ def talk(verdict):
     for kind in (0, 1, 2, 255):
         session.rig.now_s += 3.0
         session.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
+
+
+def send_parameters_and_sticks(session):
+    """Set parameters, setpoints and sticks."""
     for name, value, kind in (
         (b"CTL_K1", 41.0, 9),
         (b"LOOP_RATE_HZ", 7.0, 6),
@@ -252,6 +256,17 @@ def talk(verdict):
         session.rig.now_s += 1.0
         session.tick()
         session.note_intents()
+
+
+def talk(verdict):
+    """Return the replies to commands, parameters, plans, streams and sticks, with one verdict for all requests."""
+    session = Session(addresses=("station", "other"))
+    session.rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "reason")
+    session.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    session.tick()
+    send_commands(session)
+    transfer_plans(session)
+    send_parameters_and_sticks(session)
     session.tell(
         mavlink.MAVLink_timesync_message(0, 123_456),
         mavlink.MAVLink_ping_message(1, 7, 0, 0),

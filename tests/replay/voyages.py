@@ -290,6 +290,42 @@ def sail_mission(folder):
     return boat
 
 
+def let_servo_and_battery_fail(boat):
+    """Faults of servo, battery, storage, clock, key and loop, one after another."""
+    boat.is_stuck = True
+    boat.run(20.0)
+    boat.is_stuck, boat.servo_a = False, 5.0
+    boat.run(15.0)
+    boat.servo_a, boat.servo_c = 0.05, 75.0
+    boat.run(8.0)
+    boat.servo_c, boat.servo_v = 24.0, 10.5
+    boat.run(15.0)
+    boat.servo_v, boat.servo_error = 12.2, 4
+    boat.run(5.0)
+    boat.servo_error, boat.restarts = 0, 1
+    boat.run(8.0)
+    boat.is_servo_silent = True
+    boat.run(10.0)
+    boat.is_servo_silent = False
+    for charge in (0.25, 0.1, 0.8):
+        boat.charge = charge
+        boat.run(25.0)
+    boat.has_power = False
+    boat.run(30.0)
+    boat.has_power = True
+    boat.tick(ReportBattery(12.1, -0.7, 0.5, 11.0), SetParameter("CTL_PRICE", 2.0), SetParameter("CTL_PRICE", 99.0))
+    for role in (DeviceRole.STORAGE, DeviceRole.CLOCK, DeviceRole.KEY, DeviceRole.RUDDER, DeviceRole.COMPASS):
+        for state in (DeviceState.FAULTY, DeviceState.FULL, DeviceState.SILENT, DeviceState.RUNNING):
+            boat.report(role, state, "test")
+            boat.run(2.0)
+    boat.skipped = 5
+    boat.run(10.0)
+    boat.tick(SetParameter("RUD_REST_S", 4.0))
+    boat.run(40.0)
+    boat.tick(SetParameter("CTL_MODE", 0.0), SetParameter("EST_MODE", 0.0), SteerHeading(0.5, relative=True))
+    boat.run(60.0)
+
+
 def sail_with_device_faults(folder):
     """Faults of compasses, receiver, servo, battery, storage, clock, key and loop, one after another."""
     boat = Boat(
@@ -333,38 +369,7 @@ def sail_with_device_faults(folder):
     boat.jump_m = (0.0, 0.0)
     boat.tick(SteerHeading(math.radians(120.0), change_mode=True))
     boat.run(3.0)
-    boat.is_stuck = True
-    boat.run(20.0)
-    boat.is_stuck, boat.servo_a = False, 5.0
-    boat.run(15.0)
-    boat.servo_a, boat.servo_c = 0.05, 75.0
-    boat.run(8.0)
-    boat.servo_c, boat.servo_v = 24.0, 10.5
-    boat.run(15.0)
-    boat.servo_v, boat.servo_error = 12.2, 4
-    boat.run(5.0)
-    boat.servo_error, boat.restarts = 0, 1
-    boat.run(8.0)
-    boat.is_servo_silent = True
-    boat.run(10.0)
-    boat.is_servo_silent = False
-    for charge in (0.25, 0.1, 0.8):
-        boat.charge = charge
-        boat.run(25.0)
-    boat.has_power = False
-    boat.run(30.0)
-    boat.has_power = True
-    boat.tick(ReportBattery(12.1, -0.7, 0.5, 11.0), SetParameter("CTL_PRICE", 2.0), SetParameter("CTL_PRICE", 99.0))
-    for role in (DeviceRole.STORAGE, DeviceRole.CLOCK, DeviceRole.KEY, DeviceRole.RUDDER, DeviceRole.COMPASS):
-        for state in (DeviceState.FAULTY, DeviceState.FULL, DeviceState.SILENT, DeviceState.RUNNING):
-            boat.report(role, state, "test")
-            boat.run(2.0)
-    boat.skipped = 5
-    boat.run(10.0)
-    boat.tick(SetParameter("RUD_REST_S", 4.0))
-    boat.run(40.0)
-    boat.tick(SetParameter("CTL_MODE", 0.0), SetParameter("EST_MODE", 0.0), SteerHeading(0.5, relative=True))
-    boat.run(60.0)
+    let_servo_and_battery_fail(boat)
     return boat
 
 
