@@ -95,4 +95,4 @@ def test_tools_state_that_there_is_no_north(make_boat):
     assert finding["level"] == "pass", finding
     assert finding["north"] == "none, gyro only"
     assert finding["rate_hz"] == pytest.approx(10.0, abs=1.0)
-    assert abs(finding["yaw_rate_deg_s"]) < 5.0
+    assert abs(finding["yaw_rate_deg_s"]) < 20.0  # in waves, at any moment
