@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_py.log.daily_energy import Sum, read_rows
+from firmware_py.log.daily_energy import Day, Sum, read_rows
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 
 MAX_ROW_S = 600.0
@@ -20,3 +20,11 @@ def test_energy_of_measured_intervals_is_summed():
     for power_w in (3.0, None, 5.0):
         total.add(power_w, 60.0)
     assert total == Sum(480.0, 120.0)
+
+
+@pytest.mark.parametrize(("measured_s", "estimated", "wh"), [(995.0, False, 9.95 / 3.6), (994.0, True, 10.0 / 3.6)])
+def test_energy_is_extrapolated_below_995_of_1000_seconds(measured_s, estimated, wh):
+    day = Day("2026-01-01", logged_s=1000.0, load=Sum(10.0 * measured_s, measured_s))
+    amount = day.amount(day.load)
+    assert (amount.estimated, amount.wh) == (estimated, pytest.approx(wh))
+    assert amount.measured_h == pytest.approx(measured_s / 3600.0)

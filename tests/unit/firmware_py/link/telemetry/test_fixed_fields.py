@@ -1,0 +1,73 @@
+"""Fields that the boat does not measure: their values in MAVLink messages for unknown or unused."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.reports import Activity, Home, Navigation, Power
+from firmware_py.link.telemetry.fields import TelemetryContext
+from firmware_py.link.telemetry.table import TABLE
+
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, 0.3, 8, 1.25)
+BOAT = {
+    "position": FIX,
+    "position_ok": True,
+    "home": Home(0.6999, -0.2001, 1.0),
+    "goal_heading_rad": 1.5,
+    "bearing_rad": 1.4,
+    "distance_m": 123.0,
+    "navigation": Navigation(Activity.STATION, 0.7, -0.2, 40.0, 2.0),
+    "power": Power(12.0, -1.0, 0.5, 20.0, 3.0, 4.0),
+}
+FIXED = {
+    "ATTITUDE": {"rollspeed": 0.0, "pitchspeed": 0.0},
+    "VFR_HUD": {"throttle": 0, "climb": 0.0},
+    "GPS_RAW_INT": {"epv": 65535},
+    "GLOBAL_POSITION_INT": {"vz": 0},
+    "NAV_CONTROLLER_OUTPUT": {"nav_roll": 0.0, "nav_pitch": 0.0, "alt_error": 0.0, "aspd_error": 0.0},
+    "ATTITUDE_TARGET": {
+        "type_mask": 71, "body_roll_rate": 0.0, "body_pitch_rate": 0.0, "body_yaw_rate": 0.0, "thrust": 0.0,
+        "q": pytest.approx([math.cos(0.75), 0.0, 0.0, math.sin(0.75)]),
+    },
+    "SERVO_OUTPUT_RAW": {"port": 0, **{f"servo{number}_raw": 0 for number in range(2, 9)}},
+    "HOME_POSITION": {
+        "x": 0.0, "y": 0.0, "z": 0.0, "q": [1.0, 0.0, 0.0, 0.0],
+        "approach_x": 0.0, "approach_y": 0.0, "approach_z": 0.0,
+    },
+    "ATTITUDE_QUATERNION": {"rollspeed": 0.0, "pitchspeed": 0.0, "repr_offset_q": [0.0, 0.0, 0.0, 0.0]},
+    "LOCAL_POSITION_NED": {"vz": 0.0},
+    "POSITION_TARGET_GLOBAL_INT": {
+        "coordinate_frame": 0, "type_mask": 3580, "alt": 0.0, "vx": 0.0, "vy": 0.0, "vz": 0.0, "afx": 0.0, "afy": 0.0,
+        "afz": 0.0, "yaw": 0.0, "yaw_rate": 0.0,
+    },
+    "EKF_STATUS_REPORT": {
+        "velocity_variance": 0.0, "pos_horiz_variance": 0.0, "pos_vert_variance": 0.0, "terrain_alt_variance": 0.0,
+        "airspeed_variance": 0.0,
+    },
+    "BATTERY_STATUS": {
+        "id": 0, "battery_function": 1, "type": 0, "voltages": [12000, *[65535] * 9], "current_consumed": -1,
+        "energy_consumed": -1, "time_remaining": 0, "charge_state": 0, "mode": 0, "fault_bitmask": 0,
+    },
+    "HIGH_LATENCY2": {
+        "target_altitude": 0, "throttle": 0, "airspeed_sp": 0, "windspeed": 0, "wind_heading": 0, "eph": 255,
+        "epv": 255, "temperature_air": 0, "climb_rate": 0,
+    },
+    "EXTENDED_SYS_STATE": {"vtol_state": 0, "landed_state": 0},
+    "SYS_STATUS": {"drop_rate_comm": 0, "errors_count2": 0, "errors_count3": 0, "errors_count4": 0},
+}  # fmt: skip
+
+
+def built(name, snapshot):
+    (row,) = (row for row in TABLE if row.name == name)
+    boat = replace(snapshot, **BOAT)
+    context = TelemetryContext(boat, utc_s=1.7e9, rudder_limit_rad=0.5, autopilot=3, load=0.25, refused_frames=0)
+    return row.build(context)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_fields_that_are_not_measured_have_their_fixed_value(snapshot, name):
+    message = built(name, snapshot)
+    values = {field: getattr(message, field) for field in FIXED[name]}
+    assert {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()} == FIXED[name]
