@@ -1,9 +1,13 @@
 """Large pages are used only where possible, without changing data or using much memory; freed memory is released."""
 
 import json
+import os
 import subprocess
 import sys
+import threading
+from types import SimpleNamespace
 
+from firmware_py.system import realtime
 from firmware_py.system.realtime import large_page_addresses
 
 MAX_UNUSED_BYTES = 96 << 10
@@ -69,3 +73,23 @@ def test_large_pages_change_no_data_and_add_little_memory():
 
 def test_memory_freed_by_the_start_is_released():
     assert run(RELEASE_MEMORY) > 200 * 60000
+
+
+def test_kernel_is_asked_for_priorities_exact_timers_and_locked_memory(monkeypatch):
+    """Numbers of linux/prctl.h (PR_SET_TIMERSLACK 29) and linux/mman.h (MCL_CURRENT 1, MCL_ONFAULT 4)."""
+    calls, priorities = [], []
+    libc = SimpleNamespace(
+        prctl=lambda *values: calls.append(("prctl", *values)),
+        mlockall=lambda flags: calls.append(("mlockall", flags)) or 0,
+    )
+    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_values, **_options: libc)
+    monkeypatch.setattr(
+        realtime.os, "sched_setscheduler", lambda thread, policy, value: priorities.append((thread, policy, value))
+    )
+    current = threading.current_thread()
+    threads = [current, SimpleNamespace(name="writer", native_id=7), SimpleNamespace(name="view", native_id=8)]
+    monkeypatch.setattr(realtime.threading, "enumerate", lambda: threads)
+    assert realtime._request_from_kernel({"view"}) == []
+    assert calls == [("prctl", 29, 1, 0, 0, 0), ("mlockall", 5)]
+    assert [(thread, value.sched_priority) for thread, _policy, value in priorities] == [(0, 40), (7, 10)]
+    assert {policy for _thread, policy, _value in priorities} == {os.SCHED_FIFO}
