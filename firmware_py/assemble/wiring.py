@@ -105,14 +105,12 @@ def _open_and_connect(vehicle: Vehicle, options: Options, opened: ExitStack) -> 
     devices = open_devices(vehicle, wait=options.wait, report=console.line)
     opened.callback(close_all, lines := list(devices.lines))
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
-    notices: list[Event] = []
-    say = _create_reporter(console, notices)
+    say, notices = _create_reporter(console)
     stored, plans = read_state(options.state_directory, store, say)
     clock: Clock = RealClock()  # the lockstep clock is created after the lines
     satellite_support = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    line_opener = _line_opener(lines, console, wait=options.wait)
-    report_retry = say if options.wait else None
-    transports, outputs = _open_links(vehicle, options, line_opener, satellite_support, report_retry, opened)
+    opener, report_retry = _line_opener(lines, console, wait=options.wait), say if options.wait else None
+    transports, outputs = _open_links(vehicle, options, opener, satellite_support, report_retry, opened)
     _report_device_problems(vehicle, lines if options.lockstep is None else (), say)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, clock_start = _create_clock(clock, options, lines, store)
@@ -213,14 +211,15 @@ def _create_clock(real: Clock, options: Options, lines: Sequence[Line], store: S
     return _create_lockstep_clock(options.lockstep, lines, store), Moment(0.0, LOCKSTEP_BOOT)
 
 
-def _create_reporter(console: Console, notices: list[Event]) -> Callable[[str], None]:
-    """Return a function that prints a text and reports it with the next tick."""
+def _create_reporter(console: Console) -> tuple[Callable[[str], None], list[Event]]:
+    """Return a function that prints a text and reports it with the next tick, and the list of these events."""
+    notices: list[Event] = []
 
     def say(text: str) -> None:
         console.print_early(text)
         notices.append(Event(Severity.WARNING, text))
 
-    return say
+    return say, notices
 
 
 def _create_event_printer(console: Console, clock: Clock) -> Callable[[Event], None]:

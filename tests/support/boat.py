@@ -143,6 +143,22 @@ class RealTime:
             self.run_out(board, process)
 
 
+def vehicle_sections(driver, servo, servo_baud, second):
+    """Return the texts of the sections of a vehicle file by name, with {port} for the port."""
+    return {
+        "compass": f'[compass]\ndriver = "{driver}"\nport = "{{port}}"\nbaud = 38400\n',
+        "position": '[position]\ndriver = "nmea"\nport = "{port}"\nbaud = 9600\n',
+        "rudder": f'[rudder]\ndriver = "{servo}"\nport = "{{port}}"\nbaud = {servo_baud}\n',
+        "compass_b": f'[compass_b]\ndriver = "{second}"\nport = "{{port}}"\nbaud = 38400\n',
+        "rudder_angle": '[rudder_angle]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
+        "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
+        "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
+        "wind": '[wind]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
+        "depth": '[depth]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
+        "link": '[link]\nurls = ["serial:{port}:57600"]\n',
+    }
+
+
 class Boat:
     """A simulated boat with the autopilot as a process, which can be killed and started again.
 
@@ -191,18 +207,7 @@ class Boat:
         self.station = GroundStation(parse_goals(goals) if goals else (), mode)
         self.station.texts = deque(maxlen=4096)
         devices = {"compass": self.compass, "position": self.gps, "rudder": self.servo, "link": self.station}
-        sections = {
-            "compass": f'[compass]\ndriver = "{driver}"\nport = "{{port}}"\nbaud = 38400\n',
-            "position": '[position]\ndriver = "nmea"\nport = "{port}"\nbaud = 9600\n',
-            "rudder": f'[rudder]\ndriver = "{servo}"\nport = "{{port}}"\nbaud = {baud}\n',
-            "compass_b": f'[compass_b]\ndriver = "{second}"\nport = "{{port}}"\nbaud = 38400\n',
-            "rudder_angle": '[rudder_angle]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
-            "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
-            "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
-            "wind": '[wind]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
-            "depth": '[depth]\ndriver = "nmea"\nport = "{port}"\nbaud = 4800\n',
-            "link": '[link]\nurls = ["serial:{port}:57600"]\n',
-        }
+        sections = vehicle_sections(driver, servo, baud, second)
         if servo == "maestro":
             self.servo_line = devices["rudder"] = Impaired(self.servo, rng(9))
         if rudder_angle:
