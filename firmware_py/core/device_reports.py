@@ -115,7 +115,7 @@ def report_failures(
         previous_s = reported_s.get(device.role)
         if previous_s is None or now_s - previous_s >= REPEAT_INTERVAL_S:
             reported_s[device.role] = now_s
-            name = device.role.name.replace("_", " ").capitalize()
+            name = device.role.name.replace("_", " ").capitalize().replace(" b", " B")
             events.append(Event(Severity.ERROR, f"{name}: {device.text}"))
     return replace(state, failures_s=tuple(reported_s.items())), tuple(events)
 

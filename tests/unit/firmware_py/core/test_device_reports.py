@@ -12,7 +12,7 @@ def health(role=DeviceRole.COMPASS, state=DeviceState.FAILED, text="driver of pa
 
 @pytest.mark.parametrize(
     ("role", "name"),
-    [(DeviceRole.COMPASS, "Compass"), (DeviceRole.COMPASS_B, "Compass b"), (DeviceRole.RUDDER, "Rudder")],
+    [(DeviceRole.COMPASS, "Compass"), (DeviceRole.COMPASS_B, "Compass B"), (DeviceRole.RUDDER, "Rudder")],
 )
 def test_failure_is_reported_with_the_name_of_the_device(role, name):
     _, events = report_failures(DeviceReports(), [health(role)], 1.0)
