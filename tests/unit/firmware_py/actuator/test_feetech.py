@@ -492,6 +492,13 @@ def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fa
     assert rudder.needs_prompt_io()
 
 
+def test_settings_are_read_again_while_no_state_is_received(rig, servo):
+    handle = servo.handle
+    servo.handle = lambda data: handle(data) if data[5] == 0 else b""
+    rig.ticks(40)
+    assert servo.reads.count(0) >= 2
+
+
 def test_lost_acknowledgement_and_lost_settings_do_not_change_the_length_of_the_next_read(rig, servo, line):
     line.lose_replies = 1  # of the settings
     rig.ticks(3)

@@ -244,6 +244,16 @@ def test_line_that_was_opened_again_begins_with_a_search(rig, line):
     assert line.written[0] == bytes.fromhex("AA 0C 21")
 
 
+def test_power_cut_together_with_the_port_is_no_restart(rig, line, maestro):
+    rig.ticks(3, shaft_deg=10.0)
+    line.unplug()
+    maestro.cut_power()
+    rig.ticks(3, shaft_deg=10.0)
+    line.plug()
+    maestro.powered = True
+    assert rig.ticks(5, shaft_deg=10.0)[-1].restarts == 0
+
+
 def test_position_from_before_the_line_was_reopened_is_not_used(rig, line, maestro):
     rig.ticks(3)
     handle = maestro.handle

@@ -56,6 +56,7 @@ def test_fresh_channel_gets_its_period_before_the_first_pulse(chip, writes):
     chip.create_channel()
     line = open_line(chip)
     assert (line.connected, line.openings, line.fileno(), line.read()) == (True, 1, -1, b"")
+    assert (line.name, line.baud) == (f"pwm:{chip.path}/0", 0)
     assert line.write(b"1500000\n")
     assert line.write(b"1600000\n")
     assert writes == [("period", "20000000"), ("duty_cycle", "1500000"), ("enable", "1"), ("duty_cycle", "1600000")]
