@@ -135,6 +135,15 @@ def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, co
     assert (degrees([sample]), sample.yaw_rate_rad_s, sample.roll_rad) == ([20.0], None, None)
 
 
+def test_start_of_a_message_and_count_of_damage_end_when_the_line_is_reopened(deliver, line, compass):
+    message = heading(10.0)
+    deliver(compass, message[:15] + bytes([message[15] ^ 1]) + message[16:])
+    assert deliver(compass, message[:10]) == ()
+    line.plug()
+    assert deliver(compass, message[10:], now_s=1.1) == ()
+    assert compass.health(1.1).rejected == 1
+
+
 def test_configured_source(line, deliver):
     compass = Nmea2000Compass(line, Nmea2000Options(source=0x24))
     assert degrees(deliver(compass, heading(10.0), heading(20.0, source=0x24))) == [20.0]

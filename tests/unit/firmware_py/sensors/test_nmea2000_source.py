@@ -111,8 +111,13 @@ def test_restart_forgets_everything():
     sources = selection()
     sources.accepts(0x23, 1.0)
     sources.handle_claim(0x23, name(1), 1.0)
+    sources.handle_claim(0x25, name(3), 1.0)
+    assert not sources.accepts(0x25, 1.0)
+    assert sources.take_text() == "second heading source 0x25 (maker 1851, no. 3) not used"
     sources.restart()
     assert sources.address is None
     assert sources.accepts(0x24, 1.1)
+    assert not sources.accepts(0x25, 1.1)
+    assert sources.take_text() == "second heading source 0x25 not used"
     sources.handle_claim(0x24, name(2), 1.2)
     assert sources.address == 0x24
