@@ -85,3 +85,11 @@ def test_circle_that_crosses_the_180th_meridian_is_split_into_lines():
     assert list(kml_lines(tracks, "LinearRing")) == []
     outlines = list(kml_lines(tracks, "LineString"))[1:]
     assert sum(map(len, outlines)) == 37 + 2 * (len(outlines) - 1)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "lengths"), [((0.0, 60.0, 120.0), [3]), ((0.0, 60.5), [1, 1]), ((5.0, 5.0), [2]), ((5.0, 4.9), [1, 1])]
+)
+def test_track_is_split_after_a_minute_without_a_fix_and_at_a_step_back(times_s, lengths):
+    tracks = Tracks([Point(t_s, 10.0, 20.0, 0.0) for t_s in times_s])
+    assert [len(leg) for leg in tracks.split_legs()] == lengths

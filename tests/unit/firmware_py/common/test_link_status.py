@@ -11,3 +11,13 @@ def test_failed_session_has_a_reason_and_its_number():
     assert session_error_text(36) == "status 36, wait 3 min"
     assert session_error_text(9) == "status 9, not known"
     assert session_error_text(None) == "modem fell silent"
+
+
+def test_reason_belongs_to_its_status():
+    texts = (
+        "no end in time", "gateway's queue full", "too many segments", "no end", "false segment size", "access denied",
+        "modem locked", "gateway silent", "connection lost", "link failed", "no service", "antenna fault",
+        "radio disabled", "modem busy", "wait 3 min", "service disabled", "traffic held up",
+    )  # fmt: skip
+    for status, text in zip(STATUSES, texts, strict=True):
+        assert session_error_text(status) == f"status {status}, {text}"
