@@ -137,6 +137,14 @@ def test_no_heading_after_a_restart_until_the_next_status(rig, is_reopened):
     assert rig.headings(1.3, board.ekf(), board.attitude(boot_ms=600)) == [98.5]
 
 
+def test_board_that_was_started_while_the_line_was_closed_is_one_restart(rig):
+    board = rig.board
+    assert rig.headings(1.0, board.ekf(), board.attitude(boot_ms=60_000)) == [98.5]
+    rig.line.plug()
+    messages = board.heartbeat(), board.heartbeat(), board.ekf(), board.attitude(boot_ms=500)
+    assert rig.headings(1.1, *messages) == [98.5]
+
+
 def test_wait_for_a_status_begins_again_after_a_reopened_line(rig):
     board = rig.board
     assert rig.headings(1.0, board.ekf(flags=NOT_READY), board.attitude()) == []
