@@ -91,3 +91,17 @@ def test_invalid_values_are_rejected(read, error, rows):
 )  # fmt: skip
 def test_invalid_short_date_is_none(date):
     assert SHORT_DATE(("115630", date)) is None
+
+
+@pytest.mark.parametrize(
+    ("day", "month", "year", "is_valid"),
+    [("31", "12", "1979", False), ("01", "01", "1980", True), ("31", "12", "2099", True), ("01", "01", "2100", False)],
+)
+def test_year_of_a_date_is_1980_to_2099(day, month, year, is_valid):
+    fields = ("000000.00", day, month, year)
+    if is_valid:
+        moment = dt.datetime(int(year), int(month), int(day), tzinfo=dt.UTC)
+        assert LONG_DATE(fields) == moment.timestamp()
+    else:
+        with pytest.raises(MessageError):
+            LONG_DATE(fields)

@@ -44,3 +44,15 @@ def test_rare_errors_are_not_raised(barrier):
 def test_an_interrupt_is_raised(barrier):
     with pytest.raises(KeyboardInterrupt):
         barrier.call(0.0, lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+
+
+@pytest.mark.parametrize(("t_s", "is_raised"), [(599.9, True), (600.0, False)])
+def test_sixth_error_is_raised_within_ten_minutes_of_the_first(barrier, t_s, is_raised):
+    for second in range(5):
+        barrier.call(float(second), fail)
+    if is_raised:
+        with pytest.raises(KeyError):
+            barrier.call(t_s, fail)
+    else:
+        barrier.call(t_s, fail)
+    assert len(barrier.take_events()) == (5 if is_raised else 6)
