@@ -78,7 +78,6 @@ class Nmea2000Rudder(Nmea2000Device[RudderAngleSample]):
         rudder_deg = self._options.scale * (degrees(position_rad) - self._options.offset_deg)
         check_range(rudder_deg, -MAX_ANGLE_DEG, MAX_ANGLE_DEG, "rudder_deg after offset and scale")
         self._monitor.accept(now_s)
-        self._monitor.note("")
         self._samples.append(RudderAngleSample(now_s, radians(rudder_deg)))
 
 
