@@ -209,3 +209,13 @@ def test_place_is_always_reached(north_m, east_m, heading_rad, acceptance_radius
     while not boat.follower.arrived:
         boat.step(task)
         assert boat.t_s < 300.0 + 20.0 * (boat.distance_m() + 500.0) / 0.4
+
+
+@pytest.mark.parametrize(("north_m", "integral_s"), [(501.0, 0.0), (400.0, 200.0)])
+def test_passing_with_a_position_error_above_the_radius_begins_a_new_line(origin, task_settings, north_m, integral_s):
+    place = origin.at_offset(north_m, 1.0)
+    motion = VesselMotion(place, 0.0, 0.4, 0.0, 0.0, spread_m=50.0)
+    state, status = line.update(task_settings, LineState(origin, 200.0), go_to(origin, 500.0, 0.0), motion, 0.0)
+    assert not status.arrived
+    assert state.integral_s == pytest.approx(integral_s)
+    assert state.tries == LineState(origin).tries

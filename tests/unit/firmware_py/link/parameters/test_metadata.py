@@ -78,3 +78,14 @@ def test_autopilot_type_generic_has_only_float_parameters():
     assert {row["type"] for row in published} == {"Float"}
     integers = [row for row, parameter in zip(published, TABLE, strict=True) if parameter.kind is Kind.INTEGER]
     assert {row["decimalPlaces"] for row in integers} == {0}
+
+
+def test_decimals_show_four_digits_of_the_default(files):
+    published = {row["name"]: row for row in json.loads(files["metadata", "parameter.json"])["parameters"]}
+    decimals_of_default = {100.0: 1, 20.0: 1, 10.0: 1, 5.0: 2, 1.0: 2, 0.5: 3, 0.1: 3, 0.05: 4}
+    compared = set()
+    for row in TABLE:
+        if row.kind is Kind.REAL and row.default in decimals_of_default:
+            assert published[row.name]["decimalPlaces"] == decimals_of_default[row.default], row.name
+            compared.add(row.default)
+    assert 1.0 in compared

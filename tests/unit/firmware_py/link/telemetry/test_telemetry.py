@@ -317,3 +317,9 @@ def test_any_snapshot_is_packed_or_omitted(snapshot, utc_s, load, refused):
     for row in TABLE:
         message = row.build(context)
         assert message is None or CODEC.pack(message).frame
+
+
+@pytest.mark.parametrize(("satellites", "sent"), [(None, 255), (0, 0), (254, 254), (255, 254), (300, 254)])
+def test_number_of_satellites_is_limited_below_the_number_for_unknown(build, satellites, sent):
+    fix = msgspec.structs.replace(FIX, satellites=satellites)
+    assert build("GPS_RAW_INT", position=fix, position_ok=True).satellites_visible == sent
