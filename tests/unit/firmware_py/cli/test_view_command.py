@@ -1,10 +1,12 @@
-"""URL of the page that `rambler view` prints."""
+"""What `rambler view` prints and reads, and the levels of messages in an export."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from firmware_py.cli.view import _format_url
+from firmware_py.cli.export import mcap_file
+from firmware_py.cli.view import _find_directory, _format_url
 
 
 @pytest.mark.parametrize(
@@ -18,3 +20,13 @@ from firmware_py.cli.view import _format_url
 def test_url_has_brackets_around_an_address_of_ipv6_and_no_token(host, token, url):
     server = SimpleNamespace(server_address=(host, 8080), guard=SimpleNamespace(token=token))
     assert _format_url(server) == url
+
+
+def test_state_directory_of_the_command_line_is_used():
+    assert _find_directory(Path("boat")) == Path("boat")
+
+
+@pytest.mark.parametrize(("severity", "level"), [(0, 5), (1, 5), (2, 5), (3, 4), (4, 3), (5, 2), (6, 2)])
+def test_severity_of_a_message_is_a_level_of_foxglove(severity, level):
+    """Levels of foxglove.Log: debug 1, info 2, warning 3, error 4, fatal 5."""
+    assert mcap_file._LEVELS[severity] == level

@@ -99,3 +99,9 @@ def test_tags_and_distances_are_resolved_to_items_and_places():
 
 def test_table_of_commands_has_all_items_with_a_duration():
     assert COMMANDS.keys() == {row.command for row in TABLE if row.kind is PlanKind.MISSION and row.has_duration}
+
+
+@pytest.mark.parametrize(("param", "value"), [(0.0, 0.0), (0.5, 0.5), (30.0, 30.0)])
+def test_conditions_of_less_than_one_are_not_changed(param, value):
+    assert convert_item(item(114, param)).distance_m == value
+    assert convert_item(item(112, param)).seconds == value
