@@ -86,12 +86,21 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
     )
 
 
-def report_power(
+def report_errors(
+    state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
+) -> tuple[DeviceReports, tuple[Event, ...]]:
+    """Return the state and the events of faulty power monitors and of failed drivers."""
+    if not devices:
+        return state, ()
+    state, power_events = _report_power(state, devices, now_s)
+    state, failure_events = report_failures(state, devices, now_s)
+    return state, (*power_events, *failure_events)
+
+
+def _report_power(
     state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
 ) -> tuple[DeviceReports, tuple[Event, ...]]:
     """Return the state and the events of faulty power monitors, for each at most one in REPEAT_INTERVAL_S."""
-    if not devices:
-        return state, ()
     reported_s, events = list(state.power_reported_s), []
     for device in devices:
         if device.role in _POWER and device.state is DeviceState.FAULTY:

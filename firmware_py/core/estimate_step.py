@@ -64,10 +64,9 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         timeouts,
         now_s,
     )
-    devices, device_events = device_reports.report_power(
+    devices, device_events = device_reports.report_errors(
         device_reports.update(settings.freshness, state.devices, inputs), inputs.devices, now_s
     )
-    devices, failure_events = device_reports.report_failures(devices, inputs.devices, now_s)
     state = replace(
         state,
         timing=tick_timing.update(state.timing, inputs.tick),
@@ -77,7 +76,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         position=position_state,
         agreement=consistency,
     )
-    return state, rudder_status, (*events, *heading_events, *device_events, *failure_events)
+    return state, rudder_status, (*events, *heading_events, *device_events)
 
 
 def _rudder_for_estimator_rad(rudder: RudderStatus) -> float:

@@ -84,12 +84,14 @@ class RudderState(msgspec.Struct, frozen=True):
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
     """Return the state updated with the feedback of a tick, and the rudder status."""
     now_s, previous = inputs.tick.t_s, state
-    angles = [sample for sample in inputs.rudder_angles if abs(sample.rudder_rad) <= MAX_SENSOR_RAD]
+    angles: list[RudderAngleSample] = []
     sensor, interval_s, min_timeout_s = state.sensor, state.sensor_interval_s, settings.sensor_timeout_s
-    for sample in angles:
-        if sensor is not None:
-            interval_s = learn_interval_s(interval_s, sample.t_s - sensor.t_s, min_timeout_s)
-        sensor = sample
+    if inputs.rudder_angles:
+        angles = [sample for sample in inputs.rudder_angles if abs(sample.rudder_rad) <= MAX_SENSOR_RAD]
+        for sample in angles:
+            if sensor is not None:
+                interval_s = learn_interval_s(interval_s, sample.t_s - sensor.t_s, min_timeout_s)
+            sensor = sample
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
@@ -103,7 +105,10 @@ def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tupl
     slew = None
     if measured_rad is None and state.feedback is not None:
         slew = _estimate(settings, previous, state.feedback, now_s)
-    source = _source_of(measured_rad, slew, from_sensor=is_sensor_fresh)
+    if measured_rad is not None:
+        source = RudderSource.SENSOR if is_sensor_fresh else RudderSource.SERVO
+    else:
+        source = RudderSource.NONE if slew is None else RudderSource.ESTIMATE
     if slew is not state.slew or source is not state.source:
         state = msgspec.structs.replace(state, slew=slew, source=source)
     is_repeated = is_sensor_fresh and not angles
@@ -122,13 +127,6 @@ def source_events(previous: RudderState, state: RudderState) -> tuple[Event, ...
     is_servo = state.source is RudderSource.SERVO
     text = "Rudder angle: measured by the servo" if is_servo else "Rudder angle: measured by the sensor"
     return (Event(severity, text),)
-
-
-def _source_of(measured_rad: float | None, slew: SlewState | None, *, from_sensor: bool) -> RudderSource:
-    """Return the source of the angle of a tick."""
-    if measured_rad is not None:
-        return RudderSource.SENSOR if from_sensor else RudderSource.SERVO
-    return RudderSource.NONE if slew is None else RudderSource.ESTIMATE
 
 
 def _shaft_angle_rad(settings: RudderSettings, state: RudderState) -> float | None:

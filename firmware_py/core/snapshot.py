@@ -27,7 +27,7 @@ def snapshot_of(
     The situation is the one that decided the mode of this tick; the rudder status is from before the new command.
     """
     heading, has_heading = state.heading_estimator.heading, situation.heading_rad is not None
-    guidance_status = state.guidance.status
+    guidance_status, wind, depth = state.guidance.status, state.instruments.wind.report, state.instruments.depth
     return Snapshot(
         t_s=inputs.tick.t_s,
         tick=inputs.tick.index,
@@ -68,10 +68,10 @@ def snapshot_of(
         dead_reckoning=_dead_reckoning_position(state, situation.dead_reckoning_sd_m),
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
         rudder_estimate_rad=rudder.angle_rad if rudder.estimated else None,
-        wind=state.instruments.wind.report,
-        wind_ok=instruments.is_recent(state.instruments.wind.report, inputs.tick.t_s),
-        depth=state.instruments.depth,
-        depth_ok=instruments.is_recent(state.instruments.depth, inputs.tick.t_s),
+        wind=wind,
+        wind_ok=wind is not None and instruments.is_recent(wind, inputs.tick.t_s),
+        depth=depth,
+        depth_ok=depth is not None and instruments.is_recent(depth, inputs.tick.t_s),
     )
 
 
