@@ -217,15 +217,9 @@ class Boat:
             self.other_compass = SECOND_COMPASSES[second](self.other_attitude, rng(5))
             self.other_line = devices["compass_b"] = Impaired(self.other_compass, rng(9))
         if supply is not None:
-            place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
-            self.plant = PowerPlant(supply, place, rng(6), lambda: self.servo.energy_j)
-            self.charger = Impaired(VeDirectEmulator(self.plant, Kind.CHARGER), rng(7))
-            self.monitor = Impaired(VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), rng(8))
-            devices |= {"power": self.charger, "power_b": self.monitor}
+            devices |= self._make_supply(supply)
         if instruments is not None:
-            self.wind = Impaired(NmeaWindEmulator(self.world, rng(9)), rng(10))
-            self.depth = Impaired(NmeaDepthEmulator(self.world, rng(11), transducer_m=0.5), rng(12))
-            devices |= {"wind": self.wind, "depth": self.depth}
+            devices |= self._make_instruments()
         for name in without:
             del devices[name]
         self.board = Board(self.world, devices, directory, self.time.send)
@@ -240,6 +234,21 @@ class Boat:
         self._log = directory / "firmware.log"
         self.process = None
         self.rudder_history = []  # time and rudder angle at 10 Hz
+
+    def _make_supply(self, supply):
+        """Return charger and monitor of a power plant."""
+        rng, place = np.random.default_rng, Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
+        self.plant = PowerPlant(supply, place, rng(6), lambda: self.servo.energy_j)
+        self.charger = Impaired(VeDirectEmulator(self.plant, Kind.CHARGER), rng(7))
+        self.monitor = Impaired(VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), rng(8))
+        return {"power": self.charger, "power_b": self.monitor}
+
+    def _make_instruments(self):
+        """Return wind sensor and echo sounder."""
+        rng = np.random.default_rng
+        self.wind = Impaired(NmeaWindEmulator(self.world, rng(9)), rng(10))
+        self.depth = Impaired(NmeaDepthEmulator(self.world, rng(11), transducer_m=0.5), rng(12))
+        return {"wind": self.wind, "depth": self.depth}
 
     def __enter__(self):
         return self
