@@ -87,7 +87,7 @@ class Registry(Mapping[str, ObjectT]):
             found: Any = points[0].load()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - code of another author
             text = f"{type(error).__name__}: {error}"[:120]
-            raise PackageError(f"package {package}: {points[0].value}: {text}; mend or remove it") from None
+            raise PackageError(f"package {package}: {points[0].value}: {text}; correct or remove it") from None
         if not isinstance(found, self._expected):
             raise PackageError(f"package {package}: {points[0].value} is not a {self._expected.__name__}; update it")
         if (interface := getattr(found, "interface", None)) != self._interface:

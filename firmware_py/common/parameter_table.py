@@ -181,8 +181,8 @@ TABLE: tuple[Parameter, ...] = (
         "Rate of the servo under load, for the estimate of a rudder angle that is not measured. Larger: the estimate "
         "follows the command earlier."),
     real("RUD_EST_LAG_S", 0.1, 0.0, 1.0, "s",
-        "Dead time from the command to the begin of the rudder motion, for the estimate of a rudder angle that is not "
-        "measured."),
+        "Dead time from the command to the start of the rudder motion, for the estimate of a rudder angle that is not "
+        "measured. Larger: the estimate starts to move later."),
     real("RUD_LIMIT_DEG", 30.0, 1.0, 60.0, "deg", "Maximum rudder angle to either side."),
     real("RUD_REST_S", 0.0, 0.0, 3600.0, "s",
         "Time of a constant, unloaded command after which the servo torque is released, if the servo supports it. "

@@ -460,8 +460,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Water shallow: depth below DEPTH_MIN",
         recovery="Water no longer shallow",
         remedy="from shore: compare position and chart, and send a heading into deep water; the heading that "
-        "`FS_DEPTH_ACT` 2 keeps may lead aground. `DEPTH_MIN` is 0, never, by default. While the depth is unknown "
-        "the fault stays set; `DEPTH_MIN` 0 clears it",
+        "`FS_DEPTH_ACT` 2 keeps may lead aground. By default `DEPTH_MIN` is 0 and the fault is off. While the depth "
+        "is unknown the fault stays set; `DEPTH_MIN` 0 clears it",
     ),
     Fault.WIND_STRONG: FaultRow(
         condition="the wind speed averaged over 2 min exceeds WIND_MAX (clears 10 % below it)",
@@ -473,7 +473,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Wind strong: speed above WIND_MAX",
         recovery="Wind no longer strong",
         remedy="from shore: expect larger heading errors and leeway; choose a heading that the boat can hold. "
-        "`WIND_MAX` is 0, never, by default. While the wind is unknown the fault stays set; `WIND_MAX` 0 clears it",
+        "By default `WIND_MAX` is 0 and the fault is off. While the wind is unknown the fault stays set; `WIND_MAX` 0 "
+        "clears it",
     ),
 }
 

@@ -26,7 +26,7 @@ MOUNTINGS = (
     *("roll_90", "roll_270", "pitch_90", "pitch_270"),
 )
 MAX_PITCH_RAD = radians(80.0)  # of the boat; near 90 degrees, heading and roll turn about the same axis
-VERTICAL = "boat seems vertical: check the mounting"  # fault of a compass without an attitude of the boat
+VERTICAL = "attitude near vertical: check the mounting"  # fault of a compass without an attitude of the boat
 
 
 class BoatAttitude(msgspec.Struct, frozen=True):

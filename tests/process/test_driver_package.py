@@ -108,7 +108,7 @@ BREAKS = {
         lambda text: "import no_such_module\n" + text.replace("from __future__ import annotations\n", ""),
         (
             "package rambler-os5000 1.0: rambler_os5000:DRIVER: ModuleNotFoundError: No module named 'no_such_module'; "
-            "mend or remove it"
+            "correct or remove it"
         ),
     ),
     "class": (

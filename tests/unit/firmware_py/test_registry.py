@@ -91,7 +91,7 @@ def test_two_packages_with_one_name_are_refused(install):
         (
             "acme_module:DRIVER",
             "1 / 0",
-            "package acme 1.2: acme_module:DRIVER: ZeroDivisionError: division by zero; mend",
+            "package acme 1.2: acme_module:DRIVER: ZeroDivisionError: division by zero; correct",
         ),
         ("acme_module:DRIVER", "exit(3)", "package acme 1.2: acme_module:DRIVER: SystemExit: 3"),
     ],

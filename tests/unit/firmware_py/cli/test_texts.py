@@ -25,7 +25,7 @@ COMPOSED = (
     "state directory state: busy; choose another with --state",
     "Port /dev/ttyS1: changed by another program, restored; open in gpsd (process 812)",
     "Port /dev/ttyS1: also open in gpsd (process 812); end that program",
-    "[compass]: package rambler-os5000 1.0: rambler_os5000:DRIVER: ImportError: x; mend or remove it",
+    "[compass]: package rambler-os5000 1.0: rambler_os5000:DRIVER: ImportError: x; correct or remove it",
     "Compass: driver of package rambler-os5000 1.0: KeyError: 'R' (rambler_os5000.py:92)",
 )
 

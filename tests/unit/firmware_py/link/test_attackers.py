@@ -60,7 +60,7 @@ def sign(rig, key=KEY):
 
 
 def what_it_brings(rig, *frames):
-    """Send frames, each after the reply to the one before, wait for an interval, and return what they achieve."""
+    """Send frames, each after the reply to the one before, wait for an interval, and return the result."""
     reports = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()

@@ -29,14 +29,14 @@ class Rig:
         self.frames = []
 
     def receive(self, now_s, *data):
-        """Deliver data and return what is written."""
+        """Deliver data and return the bytes written."""
         count = len(self.line.written)
         self.line.inbox += b"".join(data)
         self.frames = list(self.connection.receive(now_s))
         return self.line.written[count:]
 
     def select(self, board, now_s=0.0):
-        """Let the connection select a board; return what is written."""
+        """Let the connection select a board; return the bytes written."""
         return self.receive(now_s, board.heartbeat(), board.heartbeat())
 
 

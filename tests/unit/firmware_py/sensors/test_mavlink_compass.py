@@ -56,7 +56,7 @@ def test_heading_yaw_rate_and_tilt(rig):
 def test_nearly_vertical_board_has_no_heading(rig, pitch_deg, is_used):
     samples = rig.samples(1.0, rig.board.ekf(), rig.board.attitude(pitch_deg=pitch_deg))
     assert bool(samples) is is_used
-    vertical = (DeviceState.FAULTY, "boat seems vertical: check the mounting")
+    vertical = (DeviceState.FAULTY, "attitude near vertical: check the mounting")
     assert rig.health(1.0) == ((DeviceState.RUNNING, "") if is_used else vertical)
     assert rig.headings(1.1, rig.board.attitude()) == [98.5]
     assert rig.health(1.1) == (DeviceState.RUNNING, "")

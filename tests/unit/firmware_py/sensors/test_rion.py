@@ -356,7 +356,7 @@ def test_vertical_boat_has_no_heading(line, exchange):
     exchange(compass, 0.2, angles(pitch="00 85 00"))
     assert compass.poll() == ()
     assert compass.health(0.2).state is DeviceState.FAULTY
-    assert compass.health(0.2).text == "boat seems vertical: check the mounting"
+    assert compass.health(0.2).text == "attitude near vertical: check the mounting"
 
 
 @pytest.mark.parametrize(

@@ -315,7 +315,7 @@ def test_pitch_of_the_sensor_is_at_most_90_degrees(compass, exchange, number, co
 def test_nearly_vertical_boat_has_no_heading(compass, exchange):
     exchange(compass, 0.2, angle(roll_deg=85.0))
     assert compass.poll() == ()
-    assert compass.health(0.2).text == "boat seems vertical: check the mounting"
+    assert compass.health(0.2).text == "attitude near vertical: check the mounting"
     exchange(compass, 0.3, angle())
     assert compass.health(0.3).state is DeviceState.RUNNING
 
