@@ -257,8 +257,7 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
         assert browser.contrasts()[0][0] >= 4.5, browser.contrasts()[0]
         assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.value(CLIPPED) == 0
-    new_faults = [fault | {"since_s": 1.0} for fault in LOST_CHANGES["faults"]]
-    publish(faults=new_faults)
+    publish(faults=[fault | {"since_s": 1.0} for fault in LOST_CHANGES["faults"]])
     browser.wait_for("[...document.querySelectorAll('.faults button')].every((one) => !one.disabled)")
     status[0] = StatusReading(Freshness.STALE, status[0].content, 9.0, "process 7 hangs")
     hub.publish(lambda: (feed.poll(), history.epoch))

@@ -196,8 +196,7 @@ class Boat:
         self.world = World(change(sea) if change else sea, 1)
         rng = np.random.default_rng
         self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)
-        make_servo, baud = SERVOS[servo]
-        driver, make_compass = COMPASSES[compass]
+        (make_servo, baud), (driver, make_compass) = SERVOS[servo], COMPASSES[compass]
         second = "nmea" if second_compass is True else second_compass
         self.servo = make_servo(self.world.shaft, rng(1), baud=baud)
         rate = {} if compass_rate_hz is None else {"rate_hz": compass_rate_hz}
@@ -213,9 +212,7 @@ class Boat:
         if rudder_angle:
             self.rudder_sensor = devices["rudder_angle"] = NmeaRudderEmulator(self.world.rudder_rad, rng(10))
         if second_compass:
-            self.other_attitude = AttitudeWithError(self.world)
-            self.other_compass = SECOND_COMPASSES[second](self.other_attitude, rng(5))
-            self.other_line = devices["compass_b"] = Impaired(self.other_compass, rng(9))
+            devices["compass_b"] = self._make_second_compass(second)
         if supply is not None:
             devices |= self._make_supply(supply)
         if instruments is not None:
@@ -224,16 +221,26 @@ class Boat:
             del devices[name]
         self.board = Board(self.world, devices, directory, self.time.send)
         self.lines = {port.path.name: port.line for port in self.board.ports}
-        paths = self.board.paths()
         self.store(plans)
-        values = "".join(f"{name} = {float(value)!r}\n" for name, value in (settings or {}).items())
-        body = "".join(text.format(port=paths[name]) for name, text in sections.items() if name in paths)
         self._vehicle = directory / "boat.toml"
-        self._vehicle.write_text(f"{body}[parameters]\n{values}")
-        self._number = count()
-        self._log = directory / "firmware.log"
+        self._write_vehicle(sections, settings or {})
+        self._number, self._log = count(), directory / "firmware.log"
         self.process = None
         self.rudder_history = []  # time and rudder angle at 10 Hz
+
+    def _write_vehicle(self, sections, settings):
+        """Write the vehicle file with the sections of the devices on the board, and the parameters."""
+        paths = self.board.paths()
+        values = "".join(f"{name} = {float(value)!r}\n" for name, value in settings.items())
+        body = "".join(text.format(port=paths[name]) for name, text in sections.items() if name in paths)
+        self._vehicle.write_text(f"{body}[parameters]\n{values}")
+
+    def _make_second_compass(self, driver):
+        """Return the second compass on its line."""
+        rng, self.other_attitude = np.random.default_rng, AttitudeWithError(self.world)
+        self.other_compass = SECOND_COMPASSES[driver](self.other_attitude, rng(5))
+        self.other_line = Impaired(self.other_compass, rng(9))
+        return self.other_line
 
     def _make_supply(self, supply):
         """Return charger and monitor of a power plant."""
