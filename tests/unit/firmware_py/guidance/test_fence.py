@@ -86,11 +86,11 @@ def test_margin_near_the_fence_is_recomputed_every_two_metres():
 def test_margin_is_recomputed_after_movement_or_with_another_fence():
     plan = fence(*square(5001, 500.0))
     state = update(FenceState(), plan, CENTRE)
-    assert update(state, plan, CENTRE.at_offset(40.0, 0.0)) is state
-    moved = update(state, plan, CENTRE.at_offset(60.0, 0.0))
-    assert moved.margin_m == pytest.approx(440.0, abs=0.5)
-    changed = update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(60.0, 0.0))
-    assert changed.margin_m == pytest.approx(340.0, abs=0.5)
+    assert update(state, plan, CENTRE.at_offset(49.0, 0.0)) is state  # less than a tenth of the margin
+    moved = update(state, plan, CENTRE.at_offset(51.0, 0.0))
+    assert moved.margin_m == pytest.approx(449.0, abs=0.5)
+    changed = update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(51.0, 0.0))
+    assert changed.margin_m == pytest.approx(349.0, abs=0.5)
 
 
 items = st.builds(

@@ -7,6 +7,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind, Plans
+from firmware_py.common.reports import Home
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput, GuidanceSettings, GuidanceState
 from firmware_py.guidance.tasks import VesselMotion
@@ -16,7 +17,7 @@ from support.plans import FENCE_ITEMS, item, mission, placed
 FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCE_ITEMS))
 SETTINGS = GuidanceSettings.of(ParameterSet())
 MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
-WAYPOINT, DELAY = 16, 93
+WAYPOINT, DELAY, SET_HOME = 16, 93, 179
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=PositionGoal(*placed(500.0, 0.0)))
 AUTO = ModeState(Mode.AUTO, armed=True)
 
@@ -65,8 +66,17 @@ def test_time_step_of_a_delay_is_limited(pause_s, counted_s):
     inputs = {"modes": AUTO, "plans": mission(item(DELAY, None, None, 1000.0), item(WAYPOINT, 100.0, 0.0))}
     _, state = run([100.0, 100.5], **inputs)
     former_s = state.mission.elapsed_s
+    assert former_s == 0.5
     _, state = run([100.5 + pause_s], state, fixes=(100.5 + pause_s,), **inputs)
     assert state.mission.elapsed_s == pytest.approx(former_s + counted_s)
+
+
+@pytest.mark.parametrize(("home", "altitude_m"), [(None, 0.0), (Home(0.1, 0.2, 7.0), 7.0)])
+def test_home_of_a_mission_keeps_the_altitude(home, altitude_m):
+    inputs = guidance_input(100.0, AUTO, mission(item(SET_HOME, 300.0, 0.0), item(WAYPOINT, 100.0, 0.0)))
+    new_home = guidance.update(SETTINGS, GuidanceState(), replace(inputs, home=home)).home
+    assert (new_home.latitude_rad, new_home.longitude_rad) == pytest.approx(placed(300.0, 0.0), abs=1e-9)
+    assert new_home.altitude_m == altitude_m
 
 
 def test_mission_starts_with_arming():

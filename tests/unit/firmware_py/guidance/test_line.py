@@ -54,11 +54,29 @@ def test_integral_follows_the_law_of_integral_line_of_sight(origin, task_setting
     assert status.course_rad == pytest.approx(2.0 * math.pi - math.atan2(offset_m, look_m), rel=1e-3)
 
 
-@pytest.mark.parametrize(("current_m_s", "circles"), [(0.0, 1.0), (0.1, 1.25), (0.4, 2.0), (2.0, 2.0)])
-def test_passing_distance_grows_with_the_current(origin, task_settings, current_m_s, circles):
+@pytest.mark.parametrize(
+    ("error_m", "speed_m_s", "start_s", "integral_s"),
+    [
+        (9.4, 0.4, 200.0, 200.0),  # constant at more than 0.3 look-ahead distances of 31.2 m
+        (20.0, 0.4, 1e9, 390.0),  # at most half a look-ahead distance, at 0.1 of the speed
+        (20.0, 0.4, -1e9, -390.0),
+        (20.0, 0.0, 1e9, 15_600.0),
+    ],
+)
+def test_integral_is_limited(origin, task_settings, error_m, speed_m_s, start_s, integral_s):
+    motion = VesselMotion(origin.at_offset(100.0, error_m), 0.0, speed_m_s, 0.0, 0.0)
+    state, _ = line.update(task_settings, LineState(origin, start_s), go_to(origin, 1000.0, 0.0), motion, 2.0)
+    assert state.integral_s == pytest.approx(integral_s)
+
+
+@pytest.mark.parametrize(
+    ("current_m_s", "speed_m_s", "circles"),
+    [(0.0, 0.4, 1.0), (0.1, 0.4, 1.25), (0.4, 0.4, 2.0), (2.0, 0.4, 2.0), (0.025, 0.0, 1.5)],
+)
+def test_passing_distance_grows_with_the_current(origin, task_settings, current_m_s, speed_m_s, circles):
     max_passing_m = circles * 2.0 * task_settings.turning_radius_m
     for error_m, arrived in ((0.98 * max_passing_m, True), (1.02 * max_passing_m, False)):
-        motion = VesselMotion(origin.at_offset(501.0, error_m), 0.0, 0.4, current_m_s, 0.0)
+        motion = VesselMotion(origin.at_offset(501.0, error_m), 0.0, speed_m_s, current_m_s, 0.0)
         _, status = line.update(
             task_settings, LineState(origin), go_to(origin, 500.0, 0.0, acceptance_radius_m=1.0), motion, 1.0
         )
@@ -150,9 +168,9 @@ def test_waypoint_passed_at_a_large_distance_is_tried_again(origin, task_setting
     task = go_to(origin, 500.0, 0.0)
     place = origin.at_offset(510.0, 300.0)
     motion = VesselMotion(place, 0.0, 0.4, 0.0, 0.0)
-    state, status = line.update(task_settings, LineState(origin), task, motion, 1.0)
+    state, status = line.update(task_settings, LineState(origin, 200.0, 80.0), task, motion, 1.0)
     assert not status.arrived
-    assert (state.start, state.tries) == (place, 1)
+    assert state == LineState(place, tries=1)
 
 
 @pytest.mark.parametrize(("too_strong", "passes"), [(False, 3), (True, 20)])
@@ -162,9 +180,12 @@ def test_large_distance_is_accepted_after_several_tries_except_in_a_too_strong_c
     task, state, arrived = go_to(origin, 500.0, 0.0), LineState(origin), []
     for number in range(passes + 1):
         beyond = VesselMotion(origin.at_offset(510.0, 300.0), 0.0, 0.4, 0.5, 0.0, too_strong)
-        state, status = line.update(task_settings, LineState(origin, tries=state.tries), task, beyond, 1.0)
+        former = LineState(origin, 200.0, 300.0, state.tries)
+        state, status = line.update(task_settings, former, task, beyond, 1.0)
         arrived.append(status.arrived)
-        assert state.tries == (0 if too_strong else min(number + 1, 3))
+        tries = 0 if too_strong else min(number + 1, 3)
+        assert state.tries == tries
+        assert status.arrived or state == LineState(beyond.place, tries=tries)
     assert arrived == [False] * passes + [not too_strong]
 
 

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
@@ -34,6 +35,13 @@ def polygon(*corners):
 
 def plan(*items):
     return Plan.of(PlanKind.FENCE, items)
+
+
+def wedge(margin_per_metre):
+    """Return a fence that opens to the north; its margin is 60 m at the origin, and grows by this much per metre."""
+    slope = math.tan(math.asin(margin_per_metre))
+    apex_m = -60.0 / margin_per_metre
+    return polygon((apex_m, 0), (2000, slope * (2000 - apex_m)), (2000, -slope * (2000 - apex_m)))
 
 
 def circle_at(north_m, east_m, radius_m=100.0):
@@ -93,12 +101,19 @@ def test_circle_in_a_corner_is_moved_out_of_it(task_settings):
         (STRAIT, circle_at(0, 0), 78.0),
         (STRAIT, circle_at(0, 0, 30.0), 30.0),
         (SQUARE, circle_at(0, 0, 1000.0), 500.0 - OVERSHOOT_M),
+        (wedge(0.29), circle_at(0, 0), 78.0),
     ],
 )
 def test_circle_without_room_shrinks_to_the_minimum_radius(task_settings, items, task, radius_m):
     placement = place_circle(task_settings, task, items)
     assert placement.circle.radius_m == pytest.approx(radius_m, abs=0.5)
     assert moved_m(placement) < 1.0
+
+
+def test_circle_without_room_is_moved_if_the_margin_grows_enough(task_settings):
+    placement = place_circle(task_settings, circle_at(0, 0), wedge(0.315))
+    assert moved_m(placement) == pytest.approx(2.2 * (100.0 + OVERSHOOT_M - 60.0), abs=1.0)
+    assert placement.circle.radius_m == pytest.approx(78.0)
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
@@ -177,3 +192,5 @@ def test_too_small_orbit_is_reported_once(task_settings):
     text = "Circle radius 10 m too small: circling at 23 m"
     assert texts(task_settings, GuidanceState(), circling) == [(Severity.NOTICE, text)]
     assert texts(task_settings, circling, circling) == []
+    large = GuidanceState(task=replace(task, radius_m=23.4), status=status)
+    assert texts(task_settings, GuidanceState(), large) == []

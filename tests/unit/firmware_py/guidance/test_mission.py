@@ -169,6 +169,15 @@ def test_heading_is_kept_during_a_following_delay(kind):
     assert runner.steps_with(2) == go_to(A)  # a heading has no place: no line
 
 
+@pytest.mark.parametrize(("off_deg", "index"), [(4.9, 1), (5.1, 0), (-4.9, 1), (-5.1, 0)])
+def test_heading_item_ends_within_five_degrees(off_deg, index):
+    runner = MissionRunner(
+        MissionStep(Command.YAW, angle_rad=1.0), waypoint(A), heading_rad=1.0 + math.radians(off_deg)
+    )
+    runner.step()
+    assert runner.progress.index == index
+
+
 def test_heading_item_ends_after_ten_minutes():
     runner = MissionRunner(MissionStep(Command.YAW, angle_rad=1.0), waypoint(A))
     runner.steps_with(599)
@@ -193,6 +202,13 @@ def test_delay_ends_at_a_time_of_day(set_back_s):
     assert runner.step(arrived=True) == go_to(B, A)
 
 
+def test_delay_until_a_time_of_day_lasts_a_day_without_a_clock():
+    runner = MissionRunner(MissionStep(Command.DELAY, time_of_day_s=100.0), waypoint(A))
+    runner.step(step_s=86_399.5)
+    assert runner.progress.index == 0
+    assert runner.step(step_s=0.5) == go_to(A)
+
+
 def test_limited_jump_is_executed_twice():
     runner = MissionRunner(waypoint(A), waypoint(B), jump(0, 2), waypoint(C))
     places = [runner.step().place, *(runner.step(arrived=True).place for _ in range(6))]
@@ -207,12 +223,22 @@ def test_unlimited_jump_does_not_end_the_mission():
     assert not runner.progress.complete
 
 
-@pytest.mark.parametrize("steps", [(), (MissionStep(Command.CHANGE_SPEED), jump(0, -1))], ids=["empty", "endless"])
-def test_boat_keeps_station_in_an_unusable_mission(steps):
+@pytest.mark.parametrize(
+    ("steps", "count"), [((), 0), ((MissionStep(Command.CHANGE_SPEED), jump(0, -1)), 103)], ids=["empty", "endless"]
+)
+def test_boat_keeps_station_in_an_unusable_mission(steps, count):
     runner = MissionRunner(*steps)
     assert runner.steps_with(20) == HoldStation(HERE, 100.0)
     assert runner.progress.unusable
+    assert len(runner.reached) == count  # an endless mission ends after 100 more items than it has
     assert mission_progress.state_of(runner.progress, 0, running=True) is MissionState.NO_MISSION
+
+
+def test_sixteen_items_without_duration_are_executed_in_a_step():
+    runner = MissionRunner(*[MissionStep(Command.CHANGE_SPEED)] * 20, waypoint(A))
+    runner.step()
+    assert len(runner.reached) == 16
+    assert runner.step() == go_to(A)
 
 
 def test_limited_jumps_over_items_without_duration_end():

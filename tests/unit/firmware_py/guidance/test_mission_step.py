@@ -5,7 +5,9 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
+from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.guidance.mission_commands import TABLE as COMMANDS
 from firmware_py.guidance.mission_step import MissionStep, convert_item, convert_mission
@@ -18,44 +20,71 @@ def item(command, *params, x=0, y=0, autocontinue=True):
     return PlanItem(command, 3, autocontinue, (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4], x, y)
 
 
-def test_waypoint_has_hold_time_and_radius():
-    step = convert_item(item(16, 30, 12.5, x=360000000, y=1210000000, autocontinue=False))
-    assert step.command is Command.WAYPOINT
-    assert (step.seconds, step.radius_m, step.autocontinue) == (30.0, 12.5, False)
-    assert math.degrees(step.place.latitude_rad) == pytest.approx(36.0)
-    assert math.degrees(step.place.longitude_rad) == pytest.approx(121.0)
-    assert convert_item(item(16, NAN, NAN)) == MissionStep(Command.WAYPOINT)
+def waypoint(place=None, radius_m=None, seconds=0.0, *, autocontinue=True):
+    return MissionStep(Command.WAYPOINT, place, radius_m, seconds, autocontinue=autocontinue)
 
 
-def test_loiter_has_radius_turns_and_direction():
-    assert convert_item(item(18, 3, 0, -40)) == MissionStep(
-        Command.LOITER_TURNS, radius_m=40.0, seconds=3.0, turns=3.0, clockwise=False
-    )
-    assert convert_item(item(19, 600, 0, 70)).seconds == 600.0
-    assert convert_item(item(17)).radius_m is None
+def delay(seconds, time_of_day_s=None):
+    return MissionStep(Command.DELAY, seconds=seconds, time_of_day_s=time_of_day_s)
 
 
-def test_heading_is_absolute_or_relative_with_a_direction():
-    assert convert_item(item(115, 90, 0, 0, 0)).angle_rad == pytest.approx(math.pi / 2)
-    to_port = convert_item(item(115, 30, 0, -1, 1))
-    assert (to_port.relative, math.degrees(to_port.angle_rad)) == (True, pytest.approx(330.0))
-    assert convert_item(item(213, -45, 0, 1)).relative
-    assert math.degrees(convert_item(item(213, -45, 0, 1)).angle_rad) == pytest.approx(315.0)
+def heading(command, angle_deg, *, relative=False):
+    return MissionStep(command, angle_rad=math.radians(angle_deg), relative=relative)
 
 
-def test_delay_is_a_duration_or_a_time_of_day():
-    assert convert_item(item(93, 90)).seconds == 90.0
-    assert convert_item(item(93, -1, 13, 30, 5)).time_of_day_s == 48605.0
-    assert convert_item(item(93, 0)).time_of_day_s is None
+PLACE_X_Y = {"x": 360000000, "y": 1210000000}
+PLACE = Place(math.radians(36.0), math.radians(121.0))
 
 
-def test_jump_home_and_unknown_items():
-    assert (convert_item(item(177, 3, -1)).target, convert_item(item(177, 3, -1)).times) == (3, -1)
-    assert convert_item(item(179, 1, x=5, y=5)).place is None
-    assert convert_item(item(179, 0, x=5, y=5)).place is not None
-    assert convert_item(item(178, 0, 2)).command is Command.CHANGE_SPEED
-    assert convert_item(item(20)).command is Command.RETURN
-    assert convert_item(item(22)).command is None
+@pytest.mark.parametrize(
+    ("plan_item", "step"),
+    [
+        (item(16, 30, 12.5, autocontinue=False), waypoint(None, 12.5, 30.0, autocontinue=False)),
+        (item(16, -5, -12.5, **PLACE_X_Y), waypoint(PLACE, 12.5)),
+        (item(16, NAN, NAN), waypoint()),
+        (item(17), MissionStep(Command.LOITER_UNLIMITED)),
+        (item(17, 0, 0, 100_001), MissionStep(Command.LOITER_UNLIMITED, radius_m=100_000.0)),
+        (item(18, 3, 0, -40), MissionStep(Command.LOITER_TURNS, None, 40.0, 3.0, turns=3.0, clockwise=False)),
+        (item(18, -3, 0, 40), MissionStep(Command.LOITER_TURNS, None, 40.0)),
+        (item(19, 0.5, 0, 70), MissionStep(Command.LOITER_TIME, None, 70.0, 0.5, turns=0.5)),
+        (item(20), MissionStep(Command.RETURN)),
+        (item(93, 90), delay(90.0)),
+        (item(93, 0), delay(0.0)),
+        (item(93, -1, 13, 30, 5), delay(0.0, 48_605.0)),
+        (item(93, NAN, 0, 0, 1), delay(0.0, 1.0)),
+        (item(93, NAN, -1, 1, 1), delay(0.0)),
+        (item(93, -1, -2, -2, -2), delay(0.0, 0.0)),
+        (item(93, -1, 25, 0, 0), delay(0.0, 23.0 * 3600.0)),
+        (item(93, -1, 0, 61, 0), delay(0.0, 59.0 * 60.0)),
+        (item(93, -1, 0, 0, 62), delay(0.0, 60.0)),
+        (item(93, -1, 23, 59, 60), delay(0.0, 0.0)),
+        (item(112, 0.5), MissionStep(Command.CONDITION_DELAY, seconds=0.5)),
+        (item(112, -5), MissionStep(Command.CONDITION_DELAY)),
+        (item(114, 0.5), MissionStep(Command.CONDITION_DISTANCE, distance_m=0.5)),
+        (item(114, -5), MissionStep(Command.CONDITION_DISTANCE)),
+        (item(115, 90, 0, -1, 0), heading(Command.YAW, 90.0)),
+        (item(115, 30, 0, -1, 1), heading(Command.YAW, 330.0, relative=True)),
+        (item(115, 30, 0, 0, 1), heading(Command.YAW, 30.0, relative=True)),
+        (item(115, 400), heading(Command.YAW, 0.0)),
+        (item(115, -400), heading(Command.YAW, 0.0)),
+        (item(213, -45, 0, 1), heading(Command.YAW_SPEED, 315.0, relative=True)),
+        (item(213, 400), heading(Command.YAW_SPEED, 0.0)),
+        (item(213, -400), heading(Command.YAW_SPEED, 0.0)),
+        (item(177, 3, -1), MissionStep(Command.JUMP, target=3, times=-1)),
+        (item(177, -5, -5), MissionStep(Command.JUMP, target=-1, times=-1)),
+        (item(177, 2e6, 2e6), MissionStep(Command.JUMP, target=1_000_000, times=1_000_000)),
+        (item(178, 0, 2), MissionStep(Command.CHANGE_SPEED)),
+        (item(179, 1, **PLACE_X_Y), MissionStep(Command.SET_HOME)),
+        (item(179, 0, **PLACE_X_Y), MissionStep(Command.SET_HOME, PLACE)),
+        (item(207, 1), MissionStep(Command.FENCE_ENABLE, enabled=True)),
+        (item(207, 0, autocontinue=False), MissionStep(Command.FENCE_ENABLE, autocontinue=False)),
+        (item(22, 5, autocontinue=False), MissionStep(None, autocontinue=False)),
+    ],
+)
+def test_items_are_converted_to_si_units_within_their_limits(plan_item, step):
+    converted = convert_item(plan_item)
+    assert converted.angle_rad == pytest.approx(step.angle_rad, abs=1e-12)
+    assert replace(converted, angle_rad=step.angle_rad) == step
 
 
 def test_mission_is_converted_once():
@@ -86,22 +115,21 @@ def test_step_is_finite_for_any_item(plan_item):
 
 
 def test_tags_and_distances_are_resolved_to_items_and_places():
-    place = {"x": 360000000, "y": 1210000000}
-    items = [item(600, 7), item(114, 80), item(207, 0), item(112, 30), item(16, **place), item(601, 7, 2), item(601, 9)]
-    tag, distance, fence, delay, _, to_tag, without_tag = convert_mission(Plan.of(PlanKind.MISSION, items))
+    items = [item(600, 7), item(114, 80), item(207, 0), item(112, 30), item(16, **PLACE_X_Y), item(601, 7, 2)]
+    tag, distance, fence, pause, _, to_tag = convert_mission(Plan.of(PlanKind.MISSION, items))
     assert tag == MissionStep(Command.JUMP_TAG)
-    assert (distance.distance_m, distance.place) == (80.0, convert_item(item(16, **place)).place)
-    assert (fence.command, fence.enabled, convert_item(item(207, 1)).enabled) == (Command.FENCE_ENABLE, False, True)
-    assert (delay.command, delay.seconds) == (Command.CONDITION_DELAY, 30.0)
-    assert (to_tag.command, to_tag.target, to_tag.times) == (Command.JUMP, 0, 2)
-    assert without_tag.target == -1  # the item is skipped; such a plan is refused
+    assert distance == MissionStep(Command.CONDITION_DISTANCE, PLACE, distance_m=80.0)
+    assert fence == MissionStep(Command.FENCE_ENABLE)
+    assert pause == MissionStep(Command.CONDITION_DELAY, seconds=30.0)
+    assert to_tag == MissionStep(Command.JUMP, target=0, times=2)
+
+
+@pytest.mark.parametrize(("tag", "target"), [(0, 0), (-3, 0), (65535, 1), (70_000, 1), (9, -1)])
+def test_tag_without_an_item_is_no_target(tag, target):
+    """A jump without a target is skipped; such a plan is refused."""
+    items = [item(600, 0), item(600, 65535), item(601, tag)]
+    assert convert_mission(Plan.of(PlanKind.MISSION, items))[2].target == target
 
 
 def test_table_of_commands_has_all_items_with_a_duration():
     assert COMMANDS.keys() == {row.command for row in TABLE if row.kind is PlanKind.MISSION and row.has_duration}
-
-
-@pytest.mark.parametrize(("param", "value"), [(0.0, 0.0), (0.5, 0.5), (30.0, 30.0)])
-def test_conditions_of_less_than_one_are_not_changed(param, value):
-    assert convert_item(item(114, param)).distance_m == value
-    assert convert_item(item(112, param)).seconds == value

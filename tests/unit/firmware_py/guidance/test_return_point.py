@@ -2,6 +2,8 @@
 
 import math
 
+import pytest
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home
@@ -44,6 +46,12 @@ def test_destination_reached_first_in_the_current_is_chosen():
     assert choose(motion_at(0.0, 0.0, current_east_m_s=0.4), points, with_home=False) == (0.0, 1000.0)
     # The current exceeds the speed: a destination upstream cannot be reached.
     assert choose(motion_at(0.0, 0.0, current_east_m_s=0.9), points, with_home=False) == (0.0, 1000.0)
+
+
+@pytest.mark.parametrize(("current_east_m_s", "east_m"), [(0.479, -800.0), (0.481, 50_000.0)])
+def test_destination_with_less_than_two_centimetres_per_second_made_good_cannot_be_reached(current_east_m_s, east_m):
+    points = rally((0.0, -800.0), (0.0, 50_000.0))
+    assert choose(motion_at(0.0, 0.0, current_east_m_s), points, with_home=False)[1] == east_m
 
 
 def test_nearest_destination_is_chosen_if_none_can_be_reached(task_settings):

@@ -44,6 +44,14 @@ def test_requested_direction_gives_an_error_of_180_deg_until_the_angle_is_smalle
     assert update_goal(SETTINGS, modes, later, 0.0, 0.1).goal.turn == 0
 
 
+@pytest.mark.parametrize(("step_s", "turned_s"), [(0.1, 0.1), (5.0, 1.0), (-1.0, 0.0)])
+def test_stick_turns_the_goal_for_at_most_a_second(step_s, turned_s):
+    modes = ModeState(Mode.STEERING, armed=True, goal=HeadingGoal(1.0, over_ground=True), stick=-0.5, stick_t_s=0.0)
+    goal = update_goal(SETTINGS, modes, NORTH, 0.0, step_s).goal
+    assert goal.heading_rad == pytest.approx(1.0 - 0.5 * turned_s * SETTINGS.stick_rate_rad_s)
+    assert goal.over_ground
+
+
 def test_course_of_a_task_compensates_the_current_and_a_heading_does_not():
     course = TaskStatus(HeadingTarget(0.0, over_ground=True))
     assert steering_target(AUTO, course, NORTH).error_rad == pytest.approx(-math.asin(0.3))

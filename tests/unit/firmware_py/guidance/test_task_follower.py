@@ -90,6 +90,24 @@ def test_station_keeping_and_orbits_continue_with_an_uncertain_position(follower
     assert follower.at(200.0, 199.0, task=circle).state.arrived
 
 
+@pytest.mark.parametrize(("distance_m", "is_counted"), [(29.9, False), (30.1, True), (89.9, True), (90.1, False)])
+@pytest.mark.parametrize(("clockwise", "sign"), [(True, 1.0), (False, -1.0)])
+def test_turns_are_counted_within_half_a_radius_of_the_circle(
+    origin, task_settings, distance_m, is_counted, clockwise, sign
+):
+    circle = Orbit(origin, 60.0, clockwise)
+    state = TaskFollowerState(circle)
+    for bearing_rad in (0.0, 0.5):
+        place = origin.at_offset(distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad))
+        motion = VesselMotion(place, 0.0, 0.4, 0.0, 0.0)
+        state, status = task_follower.update(task_settings, state, circle, motion, 1.0)
+    assert state.arrived is is_counted
+    assert state.orbit.turned_rad == pytest.approx(sign * 0.5 * is_counted, abs=0.001)
+    assert (status.target, status.radius_m) == (origin, 60.0)
+    assert (status.bearing_rad, status.distance_m) == pytest.approx((0.5 + math.pi, distance_m), abs=0.001)
+    assert status.cross_track_m == pytest.approx(sign * (60.0 - distance_m), abs=0.001)
+
+
 def test_turns_are_counted_only_with_a_certain_position(follower, origin):
     circle = Orbit(origin, 200.0, clockwise=True)
     for spread_m, is_counted in ((5000.0, False), (50.0, True)):

@@ -135,6 +135,13 @@ def test_jump_of_the_position_needs_confirmation():
     assert len(texts) == 1
 
 
+@pytest.mark.parametrize(("jump_m", "is_used"), [(1095.0, True), (1105.0, False)])
+def test_jump_within_the_speed_of_the_fastest_craft_needs_no_confirmation(jump_m, is_used):
+    state, _ = update(TrafficState(), 0.0, position(1, 0.0, 9000.0, 9000.0))
+    state, _ = update(state, 10.0, position(1, 10.0, 9000.0 - jump_m, 9000.0))  # 500 m, and 60 m/s
+    assert (state.vessels[0].position.t_s == 10.0) is is_used
+
+
 def test_position_does_not_alternate_between_two_vessels_with_one_number():
     state, log = TrafficState(), []
     for t_s in range(0, 300, 10):
@@ -169,10 +176,11 @@ def test_full_table_keeps_the_vessels_that_could_arrive_first():
 
 
 def test_several_near_vessels_are_reported_in_order_of_approach():
-    ships = [straight(number, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
-    _, log = simulate(60.0, *ships)
-    assert len(log) <= 12
-    assert log[0][1].startswith("MMSI 000000001: ")
+    ships = [position(number, 0.0, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
+    state, texts = update(TrafficState(), 0.0, *ships)
+    assert [text[:14] for text in texts] == ["MMSI 000000001"]
+    assert update(state, 4.9)[1] == []
+    assert [text[:14] for text in update(state, 5.0)[1]] == ["MMSI 000000002"]
 
 
 def test_reported_vessel_stays_in_a_full_table():
@@ -189,8 +197,8 @@ def test_receiver_problems_are_reported_at_intervals():
 
     state, events = traffic.receiver_events(TrafficState(), health("checksum"), 0.0)
     assert [event.text for event in events] == ["AIS: checksum"]
-    assert traffic.receiver_events(state, health("too many sentences, some dropped"), 10.0)[1] == ()
-    assert len(traffic.receiver_events(state, health("checksum"), 700.0)[1]) == 1
+    assert traffic.receiver_events(state, health("too many sentences, some dropped"), 599.9)[1] == ()
+    assert len(traffic.receiver_events(state, health("checksum"), 600.0)[1]) == 1
     assert traffic.receiver_events(TrafficState(), health("checksum", DeviceRole.COMPASS), 0.0)[1] == ()
 
 
