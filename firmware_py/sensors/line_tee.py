@@ -30,8 +30,7 @@ class LineTee:
         self._discard_stale_bytes()
         data = self._line.read()
         self._queue += data
-        if len(self._queue) > MAX_QUEUED_BYTES:
-            del self._queue[:-MAX_QUEUED_BYTES]
+        del self._queue[:-MAX_QUEUED_BYTES]
         return data
 
     def _read_queue(self) -> bytes:

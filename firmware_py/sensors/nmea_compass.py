@@ -121,10 +121,11 @@ class NmeaCompass(SensorDriver[HeadingSample]):
         variation_deg, deviation_deg = numbers.get("variation_deg"), numbers.get("deviation_deg")
         if deviation_deg is not None and abs(deviation_deg) > MAX_DEVIATION_DEG and not variation_deg:
             true_deg, variation_deg = None, deviation_deg
-        if true_deg is not None and variation_deg is None:
-            variation_deg = self._find_variation(true_deg, now_s)
-        elif true_deg is not None and variation_deg is not None:
-            self._stated_variation = (now_s, true_deg, variation_deg)
+        if true_deg is not None:
+            if variation_deg is None:
+                variation_deg = self._find_variation(true_deg, now_s)
+            else:
+                self._stated_variation = (now_s, true_deg, variation_deg)
         heading_deg = magnetic_deg if true_deg is None else true_deg
         if heading_deg is None:
             self._monitor.note(f"{address}: no heading")

@@ -97,6 +97,13 @@ def test_a_hundred_sentences_are_decoded_at_once_and_then_eighty_a_second(line, 
     assert accepted_after(150, 60.0) == 240
 
 
+@pytest.mark.parametrize("own_mmsi", [-1, 1_000_000_000])
+def test_own_mmsi_out_of_range_is_refused(own_mmsi):
+    assert AisOptions(own_mmsi=999_999_999).own_mmsi == 999_999_999
+    with pytest.raises(ValueError, match="own_mmsi"):
+        AisOptions(own_mmsi=own_mmsi)
+
+
 @pytest.mark.parametrize(("now_s", "state"), [(600.9, DeviceState.RUNNING), (601.1, DeviceState.SILENT)])
 def test_receiver_is_silent_after_ten_minutes(deliver, receiver, now_s, state):
     deliver(receiver, ship(211000001), now_s=1.0)

@@ -218,6 +218,8 @@ def test_dimensions_of_an_auxiliary_craft_are_unknown():
 def test_message_without_a_position_is_no_report_except_of_a_distress_beacon():
     unavailable = {"latitude": 91 * 600_000, "longitude": 181 * 600_000}
     assert decode_reports(payload(1, **unavailable), 0.0) == ()
+    for name, value in unavailable.items():
+        assert decode_reports(payload(1, **{name: value}), 0.0) == ()
     for mmsi in (970000001, 972603802, 974001001):
         assert decode_reports(payload(1, mmsi, **unavailable, status=14), 5.0) == (VesselIdentity(5.0, mmsi),)
         (report,) = decode_reports(payload(1, mmsi, status=14), 5.0)

@@ -5,7 +5,6 @@ import pytest
 from firmware_py.sensors.ais_sentences import Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
 
-MAX_INCOMPLETE = 16
 MAX_MESSAGE_S = 10.0
 
 SENTENCE = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\r\n"
@@ -46,6 +45,20 @@ def test_finder_does_not_store_endless_sentences():
     assert len(finder._incomplete_sentence) < 200
 
 
+@pytest.mark.parametrize(("size", "count"), [(120, 1), (121, 0)])
+def test_sentence_has_at_most_120_characters_after_its_address(size, count):
+    finder = SentenceFinder()
+    stream = sentence(b"AIVDM,1,1,,A,".ljust(6 + size, b"0"))
+    assert len([body for byte in stream for body in finder.feed(bytes([byte]))]) == count
+
+
+def test_five_parts_are_joined_and_five_fill_bits_allowed():
+    (message,) = assemble(b"".join(part(number, 5) for number in range(1, 6)))
+    assert message.payload == b"0123456789" * 5
+    (message,) = assemble(sentence(b"ABVDO,1,1,,A,1234567,5"))
+    assert (message.payload, message.fill_bits, message.is_own) == (b"1234567", 5, True)
+
+
 def test_interleaved_messages_are_joined():
     stream = part(1, payload=b"AAA") + part(1, sequence=b"4", payload=b"CCC") + SENTENCE + part(2, payload=b"BBB")
     assert [message.payload for message in assemble(stream)] == [b"15M67FC000G?ufbE`FepT@3n00Sa", b"AAABBB"]
@@ -58,9 +71,9 @@ def test_interleaved_messages_are_joined():
         part(1, 3) + part(3, 3),
         part(1) + part(2, channel=b"B"),
         part(0),
-        part(6, 6),
+        part(1, 6),
         part(2, 1),
-        sentence(b"AIVDM,1,1,,A,1234567,9"),
+        sentence(b"AIVDM,1,1,,A,1234567,6"),
         sentence(b"AIVDM,1,1,,A,1234567"),
         SENTENCE.replace(b"15M", b"16M"),
     ],
@@ -89,8 +102,12 @@ def test_late_part_is_rejected():
         assemble(part(2, sequence=b"4"), MAX_MESSAGE_S + 1.0, assembler)
 
 
-def test_number_of_incomplete_messages_is_limited():
+def test_oldest_of_more_than_sixteen_incomplete_messages_is_dropped():
     assembler = Assembler()
-    for number in range(1000):
-        assemble(part(1, sequence=b"%d" % (number % 10), channel=b"%d" % number), float(number), assembler)
-    assert len(assembler._incomplete) == MAX_INCOMPLETE
+    for number in range(17):
+        assemble(part(1, sequence=b"1", channel=b"%d" % number), number / 16.0, assembler)
+    assemble(part(1, sequence=b"1", channel=b"2"), 1.0, assembler)  # begins again
+    complete = [assemble(part(2, sequence=b"1", channel=b"%d" % number), 1.0, assembler) for number in range(1, 17)]
+    assert sum(map(len, complete)) == 16
+    with pytest.raises(MessageError, match="earlier parts"):
+        assemble(part(2, sequence=b"1", channel=b"0"), 1.0, assembler)

@@ -131,6 +131,12 @@ def test_unknown_transducer_is_reported_once(nmea):
     assert [result.get("roll_deg") for result in results] == [1.0, 1.0, 1.0, None]
 
 
+def test_thirty_two_unknown_transducers_are_reported(nmea):
+    results = decode("nmea", "".join(nmea(f"SDXDR,C,1.0,C,T{number}").decode() for number in range(34)).encode())
+    unknown = [f"T{number} (type C, unit C)" for number in range(32)]
+    assert [result.get("unknown") for result in results] == [*unknown, None, None]
+
+
 def test_ignored_sentence_is_named_and_an_unknown_one_is_not(nmea):
     ignored, unknown = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
     assert ignored["type"] == "other"
@@ -140,10 +146,15 @@ def test_ignored_sentence_is_named_and_an_unknown_one_is_not(nmea):
 
 def test_pni_results(pni, pni_heading):
     capture = (
-        pni(2, b"TCM51208") + pni_heading(98.5) + b"junk" + pni_heading(math.nan) + pni(19) + pni_heading(1.0)[:-1]
+        pni(2, b"TCM \x1f~\x7f8")
+        + pni_heading(98.5)
+        + b"junk"
+        + pni_heading(math.nan)
+        + pni(19)
+        + pni_heading(1.0)[:-1]
     )
     assert list(decode("pni", capture)) == [
-        {"line": 1, "offset": 0, "type": "module_info", "frame_id": 2, "module": "TCM51208"},
+        {"line": 1, "offset": 0, "type": "module_info", "frame_id": 2, "module": "TCM ?~?8"},
         {"line": 2, "offset": 13, "type": "heading", "frame_id": 5, "heading_magnetic_deg": 98.5, "pitch_deg": 1.5,
          "roll_deg": -2.5, "temperature_c": 18.0, "distortion": False, "magnetic_deg": 98.5},
         {"line": 3, "offset": 41, "type": "error", "error": "malformed", "bytes": 4},

@@ -39,6 +39,8 @@ def test_text_is_the_recent_error_else_the_note_else_a_hint(monitor):
     assert monitor.health(0.0).text == ""
     monitor.note_bytes(0.0)
     assert "baud rate" in monitor.health(0.0).text
+    assert "baud rate" in monitor.health(SILENT_AFTER_S).text
+    assert monitor.health(SILENT_AFTER_S + 0.01).text == ""
     monitor.note("no fix")
     assert monitor.health(0.0).text == "no fix"
     monitor.reject(0.0, "checksum")
@@ -60,6 +62,11 @@ def test_external_texts_are_truncated_and_printable(line, monitor):
         assert len(text) <= MAX_TEXT_LENGTH
         assert text.isascii()
         assert text.isprintable()
+
+
+def test_only_printable_ascii_characters_are_kept(monitor):
+    monitor.reject(0.0, "\x1f ~\x7f")
+    assert monitor.health(0.0).text == "? ~?"
 
 
 def test_device_with_bursts_every_five_seconds_is_not_silent_between_them(monitor):

@@ -233,6 +233,20 @@ def test_invalid_rates_are_rejected(rate_hz):
         MtiOptions(rate_hz=rate_hz)
 
 
+def test_low_rate_has_longer_timeouts(line, deliver):
+    assert MtiOptions(rate_hz=100).rate_hz == 100  # the highest rate
+    compass = MtiCompass(line, MtiOptions(rate_hz=1))
+    slow = message(0xC1, bytes.fromhex("E020FFFF203400018020000108100001"))
+    for packet in (b"", IN_CONFIG, slow, MEASURING, data()):
+        deliver(compass, packet, now_s=1.0)
+    assert line.written == [GO_TO_CONFIG, ASK_OUTPUT, GO_TO_MEASUREMENT]
+    assert [compass.health(now_s).state for now_s in (4.0, 4.1)] == [DeviceState.RUNNING, DeviceState.SILENT]
+    compass.receive(3.9)
+    assert len(line.written) == 3
+    compass.receive(4.0)
+    assert len(line.written) == 4
+
+
 class TurningBoat:
     def heading_rad(self):
         return math.radians(350.0)

@@ -62,6 +62,11 @@ def test_wrong_sum_is_a_checksum_error_and_the_next_message_is_decoded():
     assert (bad.fault, bad.size, good.data) == (CHECKSUM, len(DATA), DATA)
 
 
+def test_messages_that_a_device_sends_are_known():
+    known = {number for number in range(256) if not split(long_form(number, b"\x01"))[0].fault}
+    assert known == {0x01, 0x0D, 0x11, 0x13, 0x31, 0x36, 0x3E, 0x42, 0x43, 0x91, 0xC1}
+
+
 def test_commands_and_other_protocols_are_noise():
     (skipped,) = split(xbus.encode(Message.GO_TO_CONFIG) + b"$HEHDT,341.8,T*21\r\n")
     assert skipped.fault == MALFORMED
@@ -77,6 +82,7 @@ def test_items_of_a_data_message():
         0x8020: "0000000000000000be000000",
     }
     assert xbus.parse_items(b"") == {}
+    assert xbus.parse_items(b"\xe0\x20\x00") == {0xE020: b""}
 
 
 @pytest.mark.parametrize("size", [1, 2, 4, 6, 20])

@@ -192,7 +192,7 @@ def test_impossible_angle_is_rejected(angles, is_valid):
             read_data(euler(*angles))
 
 
-@pytest.mark.parametrize(("pitch_deg", "is_known"), [(79.0, True), (81.0, False), (-79.0, True), (-81.0, False)])
+@pytest.mark.parametrize(("pitch_deg", "is_known"), [(80.0, True), (81.0, False), (-80.0, True), (-81.0, False)])
 def test_yaw_rate_of_a_device_that_is_nearly_vertical_is_unknown(pitch_deg, is_known):
     data = euler(0.0, pitch_deg, 10.0) + item(0x8020, floats(0.0, 0.0, 0.5))
     assert (read_data(data).yaw_rate_deg_s is not None) is is_known

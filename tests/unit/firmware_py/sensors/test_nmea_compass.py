@@ -28,6 +28,45 @@ def test_hdg_is_true_with_a_variation_and_magnetic_without(deliver, near, compas
 
 
 @pytest.mark.parametrize(
+    ("body", "heading_deg", "reference", "variation_deg"),
+    [
+        ("HCHDG,90,3.0,E,,", 93.0, "MAGNETIC", None),
+        # A large deviation of a device that states no variation may be the variation.
+        ("HCHDG,90,3.1,E,,", 93.1, "MAGNETIC", 3.1),
+        ("HCHDG,90,3.1,W,0.0,E", 86.9, "MAGNETIC", -3.1),
+        ("HCHDG,90,3.1,E,10,E", 103.1, "TRUE", 10.0),
+    ],
+)
+def test_deviation_of_more_than_3_deg_without_a_variation(
+    deliver, near, compass, body, heading_deg, reference, variation_deg
+):
+    (sample,) = samples = deliver(compass, body)
+    assert headings(samples) == [(heading_deg, reference)]
+    assert sample.variation_rad is None if variation_deg is None else near(sample.variation_rad, variation_deg)
+
+
+@pytest.mark.parametrize(
+    ("true_deg", "now_s", "has_variation"),
+    [
+        (1.5, 0.3, True),
+        (358.5, 0.3, True),
+        (1.6, 0.3, False),
+        (358.4, 0.3, False),
+        (180.0, 0.3, False),
+        (0.0, 0.31, False),
+    ],
+)
+def test_true_heading_contains_the_variation_of_an_equal_hdg(deliver, near, compass, true_deg, now_s, has_variation):
+    """The headings may differ by 1.5 deg and 0.3 s; the result applies for 2 s."""
+    deliver(compass, "HCHDG,350,,,10,E", now_s=0.0)
+    later = [deliver(compass, f"HEHDT,{true_deg},T", now_s=now_s)[0]]
+    later += [deliver(compass, "HEHDT,90,T", now_s=later_s)[0] for later_s in (0.4, 2.0)]
+    for sample in later:
+        assert near(sample.variation_rad, 10.0) if has_variation else sample.variation_rad is None
+    assert deliver(compass, "HEHDT,90,T", now_s=2.1)[0].variation_rad is None
+
+
+@pytest.mark.parametrize(
     ("body", "expected"),
     [("HEHDT,341.8,T", (341.8, "TRUE")), ("IIHDM,70.6,M", (70.6, "MAGNETIC")), ("GPTHS,77.5,A", (77.5, "TRUE")),
      ("GPTHS,77.5,E", (77.5, "TRUE")), ("HEHDT,360.0,T", (0.0, "TRUE"))],

@@ -62,6 +62,18 @@ def test_sentences_of_an_epoch_are_merged(epoch_sample, near):
     assert sample.utc_s == utc(2021, 3, 6, 10, 36, 7)
 
 
+@pytest.mark.parametrize(("text", "hdop"), [("1000", 1000.0), ("1000.1", None), ("9999", None), ("", None)])
+def test_hdop_above_1000_is_unknown(epoch_sample, text, hdop):
+    assert epoch_sample(gga().replace("5.88", text)).hdop == hdop
+
+
+@pytest.mark.parametrize(("delay_s", "has_course"), [(0.5, True), (0.51, False)])
+def test_vtg_belongs_to_an_epoch_for_half_a_second(deliver, receiver, delay_s, has_course):
+    deliver(receiver, gga(), now_s=1.0)
+    samples = deliver(receiver, VTG, now_s=1.0 + delay_s) or deliver(receiver, now_s=9.0)
+    assert [sample.course_over_ground_rad is not None for sample in samples] == [has_course]
+
+
 @pytest.mark.parametrize(
     "burst",
     [lambda t: (rmc(t), VTG, gga(t), gll(t)), lambda t: (gga(t), gll(t), rmc(t), VTG), lambda t: (VTG, gga(t), rmc(t)),
@@ -81,7 +93,7 @@ def test_lost_sentence_delays_an_epoch_by_the_epoch_timeout(deliver, receiver):
         deliver(receiver, rmc(f"10360{second}.00"), gga(f"10360{second}.00"), now_s=float(second))
     assert deliver(receiver, rmc("103602.00"), now_s=2.0) == ()
     assert deliver(receiver, now_s=2.0 + EPOCH_TIMEOUT_S) == ()
-    assert [sample.t_s for sample in deliver(receiver, now_s=2.1 + EPOCH_TIMEOUT_S)] == [2.0]
+    assert [sample.t_s for sample in deliver(receiver, now_s=2.01 + EPOCH_TIMEOUT_S)] == [2.0]
     assert [sample.t_s for sample in deliver(receiver, rmc("103603.00"), gga("103603.00"), now_s=3.0)] == [3.0]
 
 
@@ -99,9 +111,12 @@ def test_ten_fixes_per_second_with_one_rmc_per_second(deliver, receiver):
         ((rmc(),), FixType.FIX_2D),  # no altitude
         ((gga(),), FixType.FIX_3D),
         ((gga(quality="2"), rmc()), FixType.DGPS),
+        ((gga(quality="3"),), FixType.FIX_3D),
         ((gga(quality="4"),), FixType.RTK_FIXED),
         ((gga(quality="5"),), FixType.RTK_FLOAT),
         ((rmc(mode="D"),), FixType.DGPS),
+        ((rmc(mode="P"),), FixType.FIX_2D),
+        ((rmc(mode="F"),), FixType.RTK_FLOAT),
         ((rmc(mode=""),), FixType.FIX_2D),
         ((gns("AANN"),), FixType.FIX_3D),
         ((gns("RANN"),), FixType.RTK_FIXED),
@@ -132,14 +147,13 @@ def test_receiver_without_fix_is_running_and_reports_it(deliver, receiver):
 
 
 def test_time_of_day_that_does_not_advance_is_no_fix(deliver, receiver):
-    fixes = [sample.fix for second in range(60) for sample in deliver(receiver, rmc(), gga(), now_s=float(second))]
-    assert fixes[:3] == [FixType.FIX_3D] * 3
-    assert set(fixes[4:]) == {FixType.NONE}
-    assert receiver.health(60.0).text == "time not advancing: no fix"
+    fixes = [sample.fix for tenth in range(40) for sample in deliver(receiver, rmc(), gga(), now_s=tenth / 10)]
+    assert fixes == [FixType.FIX_3D] * 31 + [FixType.NONE] * 9
+    assert receiver.health(5.0).text == "time not advancing: no fix"
     for second in range(3):
-        samples = deliver(receiver, rmc(time=f"10370{second}.00"), now_s=60.0 + second)
+        samples = deliver(receiver, rmc(time=f"10370{second}.00"), now_s=6.0 + second)
     assert samples[-1].fix is FixType.FIX_2D
-    assert receiver.health(63.0).text == ""
+    assert receiver.health(9.0).text == ""
 
 
 def test_whole_seconds_of_a_fast_receiver_are_valid(deliver, receiver):
@@ -160,6 +174,8 @@ def test_utc_without_a_date_is_extrapolated_from_the_last_date(deliver, receiver
     ]
     midnight_s = utc(2025, 1, 1)
     assert [sample.utc_s for sample in samples] == [midnight_s - 0.5, midnight_s, midnight_s + 0.5]
+    (sample,) = deliver(receiver, gga("120000.00"), now_s=129_601.0)
+    assert sample.utc_s == utc(2025, 1, 2, 12)
 
 
 def test_invalid_date_of_zda_is_rejected_and_leaves_no_utc(deliver, receiver):

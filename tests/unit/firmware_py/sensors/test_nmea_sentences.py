@@ -69,6 +69,8 @@ def test_hdg_adds_east_subtracts_west_and_wraps_at_north(nmea, raw, magnetic_deg
                             "depth_below_keel_m": None}),
         ("SDDPT,5.3,-0.4", {"depth_below_transducer_m": 5.3, "offset_m": -0.4, "depth_below_surface_m": None,
                             "depth_below_keel_m": 4.9}),
+        ("SDDPT,5.3,0.0", {"depth_below_transducer_m": 5.3, "offset_m": 0.0, "depth_below_surface_m": None,
+                           "depth_below_keel_m": None}),
         ("SDDPT,5.3,", {"depth_below_transducer_m": 5.3, "offset_m": None, "depth_below_surface_m": None,
                         "depth_below_keel_m": None}),
         ("SDDBT,12.9,f,3.9,M,2.1,F", {"depth_below_transducer_m": 3.9}),
@@ -134,6 +136,11 @@ AIRMAR = {"air_pressure_pa": 101640.0, "wind_chill_relative_c": 24.4, "wind_chil
          {"air_temperature_c": 10.7, "heel_deg": 0.5, "trim_deg": -1.3, "air_pressure_pa": 102600.0,
           "rudder_deg": -4.3}),
         ("IIXDR,10.7,C,AIRTEMP,A,0.5,D,HEEL", {"air_temperature_c": 10.7, "heel_deg": 0.5}),
+        ("WIXDR,C,293.15,K,AIR,P,29.92,I,BARO,S,36,K,1",
+         {"air_temperature_c": 20.0, "air_pressure_pa": 101320.76, "wind_speed_m_s": 10.0}),
+        ("WIXDR,C,14,F,AIR,P,760,M,BARO,S,10,N,1",
+         {"air_temperature_c": -10.0, "air_pressure_pa": 101325.02, "wind_speed_m_s": 5.144444}),
+        ("WIXDR,P,500,B,BARO,S,10,S,1", {"air_pressure_pa": 5e4, "wind_speed_m_s": 4.4704}),
     ],
 )  # fmt: skip
 def test_transducers_of_instruments(nmea, body, numbers):
@@ -145,14 +152,18 @@ def test_transducers_of_instruments(nmea, body, numbers):
 
 
 def test_unknown_transducers_are_named(nmea):
-    decoded = decode(nmea("WIXDR,A,302,D,0,A,320,D,1,S,0.1,M,0,S,0.2,M,1,U,11.99,V,BRDV,G,5,,"))
+    decoded = decode(
+        nmea("WIXDR,A,302,D,0,A,320,D,1,S,0.1,M,0,S,0.2,M,1,U,11.99,V,BRDV,G,5,,,TYPE,7,UNIT,ABCDEFGHIJKLMNOPQRSTUVW")
+    )
     assert decoded.numbers == {"wind_angle_deg": 320.0, "wind_speed_m_s": 0.2}
     unknown = "0 (type A, unit D)|0 (type S, unit M)|BRDV (type U, unit V)|no name (type G, unit )"
+    unknown += "|ABCDEFGHIJKLMNOPQRST (type TYP, unit UNI)"
     assert decoded.unknown == tuple(unknown.split("|"))
 
 
 @pytest.mark.parametrize(
-    "body", ["YXXDR,A,181,D,PTCH", "YXXDR,C,1,D,WCHR", "YXXDR,P,1.6,B,STNP", "YXXDR,P,300,B,STNP", "YXXDR,C, 7,C,WCHR"]
+    "body",
+    ["YXXDR,A,181,D,PTCH", "YXXDR,C,1,D,WCHR", "YXXDR,P,1.6,B,STNP", "YXXDR,P,499.9,B,STNP", "YXXDR,C, 7,C,WCHR"],
 )
 def test_known_transducer_with_an_invalid_value_is_rejected(nmea, body):
     with pytest.raises(MessageError, match=r"^YXXDR: \w+"):
@@ -183,12 +194,55 @@ def test_sentences_that_are_not_in_the_table_are_none(nmea):
     assert decode(nmea("PASHR,ARR,1,3,12,160159.00,123.45,123.45,-123.45,12.34")) is None
 
 
-def test_minimum_number_of_fields_is_sufficient(nmea):
-    for kind, layout in TABLE.items():
-        address = kind if kind[0] == "P" else "GP" + kind
-        empty = decode(nmea(address + "," * layout.min_fields))
-        if empty is not None:  # PASHR without T is another sentence
-            assert all(value is None for value in empty.numbers.values()), kind
+MIN_FIELDS = {
+    2: "HDT HDM THS ROT RSA MTW MTA DPT", 3: "XDR", 4: "ZDA MMB MHU", 5: "HDG XTE MWV",
+    6: "GLL VHW DBT DBS DBK", 8: "VTG MWD VWR VWT", 9: "RMC GGA GNS", 14: "APB", 20: "MDA",
+}  # fmt: skip
+
+
+def test_sentence_has_a_minimum_number_of_fields(nmea):
+    counts = {kind: count for count, kinds in MIN_FIELDS.items() for kind in kinds.split()}
+    assert counts.keys() | {"PASHR"} == TABLE.keys()
+    for kind, count in counts.items():
+        assert all(value is None for value in decode(nmea("GP" + kind + "," * count)).numbers.values()), kind
+        with pytest.raises(MessageError, match=f"{count - 1} fields"):
+            decode(nmea("GP" + kind + "," * (count - 1)))
+    assert decode(nmea("PASHR,,,T,,,")).numbers["heading_true_deg"] is None
+    with pytest.raises(MessageError, match="5 fields"):
+        decode(nmea("PASHR,,,T,,"))
+
+
+DEGREES = (0, 360)
+
+
+@pytest.mark.parametrize(
+    ("body", "low", "high"),
+    [
+        ("HCHDG,{},,,,", *DEGREES), ("HCHDG,5,{},E,,", 0, 180), ("HCHDG,5,,,{},E", 0, 180), ("HEHDT,{},T", *DEGREES),
+        ("IIHDM,{},M", *DEGREES), ("GPTHS,{},A", *DEGREES), ("PASHR,,{},T,0,0,0", *DEGREES),
+        ("PASHR,,5,T,{},0,0", -180, 180), ("PASHR,,5,T,0,{},0", -90, 90), ("PASHR,,5,T,0,0,{}", -100, 100),
+        ("TIROT,{},A", -3600, 3600), ("IIRSA,{},A", -90, 90), ("GPRMC,,A,,,,,,{},,,,A", *DEGREES),
+        ("GPGGA,,,,,,{},,,,,,,", 0, 9), ("GPGGA,,,,,,1,{},,,,,,", 0, 255), ("GPGGA,,,,,,1,,{},,,,,", 0, 1e4),
+        ("GPGGA,,,,,,1,,,{},,,,", -1e3, 1e5), ("GPGNS,,,,,,A,{},,", 0, 255), ("GPVTG,{},T,,,,,,,", *DEGREES),
+        ("IIVHW,{},T,,,,,,", *DEGREES), ("IIVHW,,,{},M,,,,", *DEGREES), ("IIXTE,A,A,{},R,N", 0, 1e4),
+        ("IIAPB,A,A,{},R,N,,,,,,,,,", 0, 1e4), ("IIAPB,A,A,,R,N,,,,,,,,{},M", *DEGREES),
+        ("WIMWV,{},R,,,A", *DEGREES), ("WIMWD,{},T,,,,,,", *DEGREES), ("WIMWD,,,{},M,,,,", *DEGREES),
+        ("WIVWR,{},L,,,,,,", 0, 180), ("IIMMB,{},I,,", 14, 45), ("IIMMB,,,{},B", 0.5, 1.5), ("YXMTW,{},C", -10, 100),
+        ("WIMTA,{},C", -100, 100), ("WIMHU,{},,,", 0, 100), ("WIMHU,,,{},C", -100, 100),
+        *((f"WIMDA,{fields}," + "," * (20 - fields.count(",") - 2), low, high) for fields, low, high in (
+            ("{},I", 14, 45), (",,,,{},C", -100, 100), (",,,,,,{},C", -10, 100), (",,,,,,,,{},", 0, 100),
+            (",,,,,,,,,,{},C", -100, 100), (",,,,,,,,,,,,{},T", *DEGREES), (",,,,,,,,,,,,,,{},M", *DEGREES))),
+        ("SDDPT,{},", 0, 12e3), ("SDDPT,,{}", -100, 100), ("SDDBT,,f,{},M,,F", 0, 12e3), ("SDDBS,{},f,,M,,F", 0, 4e4),
+        ("SDDBK,,f,,M,{},F", 0, 7e3),
+    ],
+)  # fmt: skip
+def test_values_beyond_their_limits_are_rejected(nmea, body, low, high):
+    margin = 0.004 * (high - low)
+    for value in (low, high):
+        assert decode(nmea(body.format(value))) is not None
+    for value in (low - margin, high + margin):
+        with pytest.raises(MessageError, match="out of range"):
+            decode(nmea(body.format(f"{value:.6f}")))
 
 
 PYNMEAGPS_NAMES = {

@@ -95,12 +95,86 @@ def test_running_calibration_can_be_cancelled_and_not_started_again(turntable):
     assert turntable.compass.calibrate(turntable.now_s)
 
 
-def test_power_cut_ends_the_calibration(turntable):
+def test_report_of_a_power_up_ends_the_calibration(turntable, pni):
+    turntable.line.inbox += pni(23)
+    turntable.run(0.1)
+    turntable.assert_ended(FAILED, "the compass lost power")
+
+
+def test_power_cut_without_a_report_ends_the_calibration(turntable):
     turntable.run(5.0)
     turntable.module.power_cycle(turntable.now_s, 0.5)
     turntable.line.inbox += bytes.fromhex("000517") + b"\x9b\x23"  # a damaged power-up frame
     turntable.run(610.0)
     turntable.assert_ended(FAILED, "")
+
+
+COUNT, SCORE, SAVED = 17, 18, 16
+
+
+def counted(points):
+    return COUNT, points.to_bytes(4, "big")
+
+
+def scored(score):
+    return SCORE, struct.pack(">6f", score, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_commands_are_sent_every_200_ms(pni):
+    calibration, sent = PniCalibration(1.0), {}
+    for now_s in (0.99, 1.0, 1.19, 1.21, 1.40, 1.42, 1.61, 1.63, 9.0):
+        if (frame := calibration.next_frame(now_s)) is not None:
+            sent[now_s] = frame
+            calibration.note_sent(now_s)
+    stop, points, automatic = pni(22), pni(6, bytes([12, 0, 0, 0, 12])), pni(6, bytes([13, 1]))
+    assert sent == {1.0: stop, 1.21: points, 1.42: automatic, 1.63: pni(10, bytes([0, 0, 0, 20]))}
+
+
+@pytest.mark.parametrize(
+    ("frames", "end_s", "percent", "points"),
+    [
+        ([], 600.0, 0, 0),
+        ([(100.0, COUNT, b"\0\0\0")], 600.0, 0, 0),
+        ([(100.0, *counted(6))], 600.0, 47, 6),
+        ([(100.0, *counted(12))], 250.0, 95, 12),
+        ([(100.0, *counted(13)), (200.0, SCORE, bytes(23))], 250.0, 95, 12),
+        ([(200.0, *scored(0.0))], 205.0, 99, 0),
+        ([(100.0, *counted(12)), (200.0, *scored(2.0))], 205.0, 99, 12),
+    ],
+)
+def test_each_stage_has_a_time_limit(pni, frames, end_s, percent, points):
+    """There are 600 s for the samples, 150 s for the score and 5 s for saving."""
+    calibration = PniCalibration(0.0)
+    for now_s, *frame in frames:
+        calibration.handle_frame(*frame, now_s)
+    is_scored = percent == 99
+    assert calibration.next_frame(end_s) == (pni(9) if is_scored else pni(22))
+    assert (calibration.report.state, calibration.report.percent) == (RUNNING, percent)
+    calibration.next_frame(end_s + 0.1)
+    assert (calibration.report.state, calibration.report.percent) == (FAILED, 100)
+    assert calibration.report.text.endswith(f"timeout after {points} points")
+    calibration.handle_frame(SAVED, b"\0\0", end_s + 0.2)
+    assert calibration.report.state is FAILED
+
+
+@pytest.mark.parametrize(
+    ("frames", "state", "text"),
+    [
+        ([(SAVED, b"\0\0")], RUNNING, ""),
+        ([scored(2.1)], FAILED, "score 2.1, at most 2;"),
+        ([scored(-0.1)], FAILED, "score -0.1, at most 2;"),
+        ([scored(math.nan)], FAILED, "score none, at most 2;"),
+        ([scored(0.5), (SAVED, b"\0\0")], DONE, "Compass calibrated and saved: score 0.5"),
+        ([scored(0.5), (SAVED, b"\0\1")], FAILED, "the compass could not save it"),
+    ],
+)
+def test_result_is_that_of_the_score_and_of_saving(frames, state, text):
+    calibration = PniCalibration(0.0)
+    for frame in frames:
+        calibration.handle_frame(*frame, 100.0)
+    if state is not RUNNING:
+        calibration.next_frame(999.0)  # the time limit does not change a result
+    assert (calibration.report.state, text in calibration.report.text) == (state, True)
 
 
 FRAMES = st.tuples(

@@ -68,13 +68,21 @@ def test_missing_component_is_none():
 
 @pytest.mark.parametrize(
     "values",
-    [(math.nan,), (math.inf,), (-0.1,), (360.1,), (1e30,), (1.0, 90.1), (1.0, math.nan), (1.0, 0.0, -180.1),
-     (1.0, 0.0, 0.0, 0, math.nan), (1.0, 0.0, 0.0, 0, 1e9)],
+    [(math.nan,), (math.inf,), (-0.1,), (360.1,), (1e30,), (1.0, 90.1), (1.0, -90.1), (1.0, math.nan),
+     (1.0, 0.0, -180.1), (1.0, 0.0, 180.1), (1.0, 0.0, 0.0, 0, math.nan), (1.0, 0.0, 0.0, 0, -100.1),
+     (1.0, 0.0, 0.0, 0, 150.1)],
 )  # fmt: skip
 def test_values_out_of_range_are_rejected(pni_heading, values):
     with pytest.raises(MessageError) as rejected:
         read(pni_heading(*values))
     assert rejected.value.error == "range"
+
+
+@pytest.mark.parametrize("values", [(0.0, -90.0, -180.0, 0, -100.0), (360.0, 90.0, 180.0, 0, 150.0)])
+def test_values_at_their_limits_are_accepted(pni_heading, values):
+    reading = read(pni_heading(*values))
+    assert (reading.heading_magnetic_deg, reading.pitch_deg, reading.roll_deg) == values[:3]
+    assert (reading.distortion, reading.temperature_c) == values[3:]
 
 
 def test_malformed_data_is_rejected():

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from firmware_py.common.records import DeviceState, NorthReference
+from firmware_py.common.records import CalibrationState, DeviceState, NorthReference
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
@@ -28,10 +28,10 @@ def compass(line):
 
 
 @pytest.fixture
-def set_up_s(line, compass):
+def set_up_s(compass):
     """Complete the set-up from 0 s on; return the time after it."""
     now_s = 0.0
-    while len(line.written) < 7:
+    for _ in range(7):
         compass.receive(now_s)
         now_s += COMMAND_INTERVAL_S
     return now_s
@@ -70,6 +70,8 @@ def test_confirmation_is_followed_by_the_next_command_at_once(line, deliver, com
     assert compass.health(COMMAND_INTERVAL_S).text == "connected, no heading yet"
     deliver(compass, pni(ACQUISITION_DONE) * 50, now_s=COMMAND_INTERVAL_S + 0.008)
     assert frame_ids(line.written) == [22, 6, 6, 6]
+    deliver(compass, pni(2, b"TCM51208"), now_s=COMMAND_INTERVAL_S + 0.012)  # confirms nothing
+    assert frame_ids(line.written) == [22, 6, 6, 6]
 
 
 def test_headings_are_magnetic(deliver, compass, pni_heading, set_up_s, near):
@@ -83,7 +85,8 @@ def test_headings_are_magnetic(deliver, compass, pni_heading, set_up_s, near):
     assert deliver(compass, pni_heading(360.0), now_s=set_up_s)[0].heading_rad == 0.0
 
 
-def test_nothing_is_sent_while_headings_arrive(line, deliver, compass, pni_heading, set_up_s):
+def test_nothing_is_sent_while_headings_arrive(line, deliver, compass, pni, pni_heading, set_up_s):
+    deliver(compass, pni(CONFIG_DONE), now_s=set_up_s)
     samples = [deliver(compass, pni_heading(98.5), now_s=set_up_s + tenth / 10) for tenth in range(100)]
     assert [len(batch) for batch in samples] == [1] * 100
     assert len(line.written) == 7
@@ -97,6 +100,7 @@ def test_module_is_set_up_again_after_silence_and_after_power_up(line, deliver, 
     assert frame_ids(line.written[7:]) == [22]
     deliver(compass, pni(POWER_UP), now_s=set_up_s + DATA_TIMEOUT_S + 0.01)
     assert frame_ids(line.written[7:]) == [22, 22]
+    assert compass.calibration().state is CalibrationState.NONE
     assert compass.health(set_up_s + 3.0).state is DeviceState.SILENT
 
 
@@ -181,11 +185,18 @@ def test_frames_with_one_wrong_bit_are_rejected_and_the_next_ones_decoded(delive
     assert compass.health(set_up_s).accepted == 8 * len(frame)
 
 
-def test_rate_is_checked_and_sets_the_interval(line):
-    for rate_hz in (0.0, -1.0, math.nan, math.inf, 1e300):
+def test_rate_is_checked_and_sets_the_interval_and_the_timeouts(line, deliver, pni_heading):
+    assert PniOptions(rate_hz=100.0).rate_hz == 100.0
+    for rate_hz in (0.49, -1.0, 100.1, math.nan, math.inf):
         with pytest.raises(ValueError, match="rate_hz"):
             PniOptions(rate_hz=rate_hz)
     compass = PniCompass(line, PniOptions(rate_hz=0.5))
     for step in range(8):
         compass.receive(step * COMMAND_INTERVAL_S)
     assert struct.unpack(">f", line.written[5][9:13]) == (2.0,)
+    deliver(compass, pni_heading(98.5), now_s=1.0)  # the next three headings are due until 7 s
+    assert [compass.health(now_s).state for now_s in (7.0, 7.1)] == [DeviceState.RUNNING, DeviceState.SILENT]
+    compass.receive(6.9)
+    assert len(line.written) == 7
+    compass.receive(7.0)
+    assert len(line.written) == 8
