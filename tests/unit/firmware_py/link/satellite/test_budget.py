@@ -8,7 +8,7 @@ from firmware_py.link.satellite.messages import Kind, Window
 from firmware_py.link.satellite.record import Ledger, Limits, Record, from_bytes, to_bytes
 from support.satellite import START_UTC_S
 
-LIMITS = Limits(day=10, month=20, credit_bytes=50)
+LIMITS = Limits(day=100, month=200, credit_bytes=50)
 DAY_S = 86400.0
 
 
@@ -19,12 +19,17 @@ def test_cost_is_rounded_up_to_credits(size, credits_):
 
 def test_lower_priorities_leave_credits_for_higher_ones():
     ledger = Ledger().charged(7)
-    assert [ledger.available(LIMITS, kind) for kind in Kind] == [2, 2, 0, 3]
+    assert [ledger.available(LIMITS, kind) for kind in Kind] == [95 - 7, 90 - 7, 70 - 7, 100 - 7]
+    assert Ledger(month_used=150).available(LIMITS, Kind.MAILBOX) == 50
+    assert Ledger(month_used=150).available(Limits(100, 0, 50), Kind.MAILBOX) == 100
     assert Ledger().available(Limits(0, 0, 50), Kind.ANSWER) == math.inf
 
 
 def test_new_day_and_new_month_reset_their_credits():
     ledger = Ledger().at(START_UTC_S).charged(9)
+    assert ledger == Ledger(20758, 56 * 12 + 10, 9, 9, 9)  # November 2026
+    assert Ledger(day=1).at(0.0).day == 0
+    assert [Ledger().at(utc_s).day for utc_s in (DAY_S - 1.0, DAY_S, 9.99e10, 1e11)] == [0, 1, 1_156_250, 0]
     later = ledger.at(START_UTC_S + DAY_S)
     assert (later.day_used, later.month_used, later.total) == (0, 9, 9)
     assert ledger.at(START_UTC_S + DAY_S, under_way=2).day_used == 2
