@@ -12,11 +12,11 @@ PARAMETERS = ParameterSet().replaced("CMP_DEV_B", 2.0)
 
 
 def sail_swing(legs=20, parameters=PARAMETERS):
-    """Sail a voyage with a swing; return the swing, its events and its percentages."""
+    """Sail a voyage with a swing; return the swing, its events with their reports, and its percentages."""
     swing, events, percents = CompassSwing(), [], []
     swing.begin(parameters)
     for tick in voyage(legs=legs):
-        events += swing.take(tick.inputs, parameters)
+        events += [(event, swing.report) for event in swing.take(tick.inputs, parameters)]
         percents.append(swing.report.percent)
     return swing, events, percents
 
@@ -35,9 +35,15 @@ def test_proposal_is_reported_once_with_its_uncertainty():
     assert degrees(report.estimated_rad[0]) == pytest.approx(5.0, abs=0.3)
     assert degrees(report.max_change_rad) == pytest.approx(7.0, abs=0.7)
     assert report.residual_after_rad < 0.2 * report.residual_before_rad
-    (event,) = events
-    assert event.text.startswith("Compass swing: A ")
-    assert event.text.endswith("; accept with DO_ACCEPT_MAG_CAL")
+    ((event, first),) = events
+    coefficients = " ".join(
+        f"{letter} {degrees(value):.1f}" for letter, value in zip("ABCDE", first.estimated_rad, strict=True)
+    )
+    assert event.text == (
+        f"Compass swing: {coefficients} deg, sd {degrees(first.sd_rad):.1f}, "
+        f"error now {degrees(first.max_change_rad):.1f}, residual {degrees(first.residual_before_rad):.1f} to "
+        f"{degrees(first.residual_after_rad):.1f}; accept with DO_ACCEPT_MAG_CAL"
+    )
     assert percents.index(100) > 0
     assert max(percents[: percents.index(100)]) <= 99
 

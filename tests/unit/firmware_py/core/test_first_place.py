@@ -47,7 +47,7 @@ def test_loiter_point_home_water_and_fence_are_reset():
     assert water.expected == expected
 
 
-@pytest.mark.parametrize("offset_m", [(0.0, 0.0), (200.0, 300.0)])
+@pytest.mark.parametrize("offset_m", [(0.0, 0.0), (200.0, 300.0), (14_800.0, 0.0)])
 def test_goal_and_home_near_the_wrong_position_are_moved(offset_m):
     position = placed(WRONG_M[0] + offset_m[0], WRONG_M[1] + offset_m[1])
     boat = sail_from_wrong_position(Mode.GUIDED, SetHome(*position, 0.0), SteerPosition(*position))
@@ -55,8 +55,10 @@ def test_goal_and_home_near_the_wrong_position_are_moved(offset_m):
         assert north_east_m(place_of(moved)) == pytest.approx(offset_m, abs=60.0)
 
 
-def test_goal_and_home_elsewhere_are_not_moved():
-    position = placed(500.0, 300.0)
+@pytest.mark.parametrize("north_east_m", [(500.0, 300.0), (WRONG_M[0] - 15_500.0, WRONG_M[1])])
+def test_goal_and_home_elsewhere_are_not_moved(north_east_m):
+    """Elsewhere is farther from the wrong position than half of its error of 30.3 km."""
+    position = placed(*north_east_m)
     boat = sail_from_wrong_position(Mode.GUIDED, SetHome(*position, 0.0), SteerPosition(*position))
     assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*position)
 

@@ -103,6 +103,16 @@ def test_impossible_position_is_ignored_and_reported(invalid):
     assert state.greeting.endswith(", incomplete")
 
 
+@pytest.mark.parametrize(
+    ("current_m_s", "speed_m_s", "valid_s"),
+    [((0.0, 0.0), 0.0, 600.0), ((0.3, 0.4), 0.5, 25.0), ((-0.3, -0.4), -0.5, 25.0), ((0.0, 0.0), 0.025, 600.0)],
+)
+def test_position_is_valid_for_a_movement_of_25_m(current_m_s, speed_m_s, valid_s):
+    water = WATER.water._replace(current_north_m_s=current_m_s[0], current_east_m_s=current_m_s[1], speed_m_s=speed_m_s)
+    last = replace(LAST, dead_reckoning=replace(WATER, water=water))
+    assert last_position.valid_for_s(last, 600.0) == pytest.approx(valid_s)
+
+
 def test_no_position_is_stored_before_a_fix():
     assert resume_of(at_sea(PositionState()), STORED_AT).place is None
 

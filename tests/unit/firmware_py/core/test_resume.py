@@ -12,9 +12,11 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.reports import Home
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.state import State
+from firmware_py.estimate.heading_estimator import with_expected_water
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
@@ -61,7 +63,6 @@ def test_mode_mission_line_and_home_are_restored():
     assert state.guidance.follower.line == LineState(A, tries=1)
     assert state.home == Home(0.6, 2.0, 1.0)
     assert state.guidance.updated_s is None
-    assert state.greeting.startswith("Resumed AUTO, ")
 
 
 @pytest.mark.parametrize("goal", [HeadingGoal(1.25, over_ground=True), PositionGoal(0.5, -1.0)])
@@ -77,12 +78,55 @@ def test_arming_depends_on_boot_resume_and_boot_arm():
     assert restart(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
 
 
-def test_old_record_is_not_resumed_and_an_impossible_age_is_unknown():
-    old = restart(at_sea(), age_s=25 * 3600.0)
-    assert old.modes.mode is Mode.HOLD
-    assert "Not resumed" in old.greeting
-    assert "age unknown" in restart(at_sea(), age_s=-1e6).greeting
-    assert restart(at_sea(), age_s=-1e6).modes.mode is Mode.AUTO
+@pytest.mark.parametrize(
+    ("age_s", "greeting"),
+    [
+        (0.0, "Resumed AUTO, 0 s old"),
+        (119.0, "Resumed AUTO, 119 s old"),
+        (120.0, "Resumed AUTO, 2 min old"),
+        (7199.0, "Resumed AUTO, 120 min old"),
+        (7200.0, "Resumed AUTO, 2 h old"),
+        (86_400.0, "Resumed AUTO, 24 h old"),
+        (86_401.0, "Not resumed: 24 h old"),
+        (3.19e8, "Not resumed: 88611 h old"),
+        (3.21e8, "Resumed AUTO, age unknown"),  # an impossible age
+        (-1.0, "Resumed AUTO, age unknown"),
+    ],
+)
+def test_record_of_the_last_24_hours_is_resumed(age_s, greeting):
+    state = restart(at_sea(), age_s=age_s)
+    assert state.greeting == greeting
+    assert (state.modes.mode is Mode.HOLD) is greeting.startswith("Not")
+
+
+@pytest.mark.parametrize(
+    ("mode", "progress", "text"),
+    [
+        (Mode.AUTO, {"paused": True}, ", paused"),
+        (Mode.AUTO, {"waiting": True}, ", paused"),
+        (Mode.AUTO, {}, ""),
+        (Mode.LOITER, {"paused": True}, ""),
+    ],
+)
+def test_paused_mission_is_reported_in_auto(mode, progress, text):
+    state = at_sea()
+    guidance = replace(state.guidance, mode=mode, mission=replace(PROGRESS, **progress))
+    state = replace(state, modes=ModeState(mode, armed=True), guidance=guidance)
+    assert restart(state).greeting == f"Resumed {mode.name}{text}, 100 s old"
+
+
+def test_continuous_values_are_rounded_down():
+    state = at_sea()
+    follower = replace(state.guidance.follower, orbit=OrbitState(1.0, 3.19))
+    state = replace(
+        state,
+        guidance=replace(state.guidance, follower=follower),
+        heading_estimator=with_expected_water(state.heading_estimator, (0.39, -0.31, 0.59)),
+    )
+    resume = resume_of(state, Moment(UTC_S))
+    assert resume.orbit == OrbitState(None, pytest.approx(3.0))
+    assert resume.water == pytest.approx((0.3, -0.4, 0.5))
+    assert resume.mission.elapsed_s == 90.0
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b'{"version":6,"$":"Resume"}', b"[[[", b"\xc0", b"\x80"])

@@ -50,6 +50,24 @@ def test_angle_of_the_servo_is_measured(rudder):
     assert rudder.events == []
 
 
+@pytest.mark.parametrize(
+    ("voltage_v", "current_a", "power_w"),
+    [(12.0, -0.5, 6.0), (12.0, 0.5, 6.0), (None, 0.5, None), (12.0, None, None), (1e300, 1e300, None), (0.0, 0.0, 0.0)],
+)
+def test_power_of_the_servo_is_voltage_times_current(voltage_v, current_a, power_w):
+    feedback = RudderFeedback(0.0, 0.1, voltage_v=voltage_v, current_a=current_a)
+    _, status = update(SETTINGS, RudderState(), Inputs(Tick(0, 0.0, 0.0, 0, 10.0), rudder=(feedback,)))
+    assert (status.power_w, status.current_a) == (power_w, current_a)
+
+
+def test_time_of_the_last_restart_of_the_servo_is_kept():
+    state = RudderState()
+    for t_s, restarts, restarted_s in ((1.0, 0, None), (2.0, 1, 2.0), (3.0, 1, 2.0), (4.0, 3, 4.0)):
+        feedback = RudderFeedback(t_s, 0.1, restarts=restarts)
+        state, _ = update(SETTINGS, state, Inputs(Tick(0, t_s, 0.0, 0, 10.0), rudder=(feedback,)))
+        assert (state.restarts, state.restarted_s) == (restarts, restarted_s)
+
+
 def test_before_the_first_feedback_the_angle_is_the_command(rudder):
     rudder.tick(servo=False, command_rad=0.3)
     status = rudder.tick(servo=False)

@@ -169,6 +169,7 @@ def test_servo_overloaded_in_each_trial_is_relieved_between_trials():
         list(servo.run(0.1, 20.0))
         in_trial.append(servo.state.is_in_trial(servo.t_s))
         assert servo.state.overloaded
+        assert servo.state.relieved_s is not None
     trials = sum(now and not before for before, now in pairwise(in_trial))
     assert trials == pytest.approx(60.0 / (RELIEF_S + TRIAL_S), abs=1.0)
     assert sum(in_trial) * 0.1 == pytest.approx(trials * TRIAL_S, abs=1.5)
