@@ -107,11 +107,12 @@ class ReadingRequests:
         return self._find_open_file(call).read(call.request.offset, call.request.size or DATA_BYTES)
 
     def _burst_read(self, call: FileCall) -> None:
-        if call.request.offset >= self._find_open_file(call).size:
+        file = self._find_open_file(call)
+        if call.request.offset >= file.size:
             raise Refusal(Error.END_OF_FILE)
         session = self._sessions.use(call.client, call.request.session, call.now_s)
         if session.burst is None or session.burst.request != call.request:
-            session.burst = BurstRead(call.request, call.client)
+            session.burst = BurstRead(call.request, call.client, file)
         session.burst.client = call.client
 
     def _checksum(self, call: FileCall) -> None:

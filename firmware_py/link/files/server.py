@@ -25,11 +25,11 @@ from firmware_py.link.files.requests import ReadingRequests, WritingRequests
 from firmware_py.link.files.sessions import (
     FILE_TRANSFER_MESSAGE,
     PENDING,
+    BurstRead,
     FileAction,
     FileCall,
     FileSession,
     FileSessions,
-    OpenFile,
     ReplySender,
 )
 from firmware_py.link.files.tree import Tree
@@ -94,27 +94,25 @@ class FileServer:
         """Continue the burst reads of a peer within the free capacity of its link."""
         if not self._sessions:
             return
-        burst_sessions = [
-            session
+        bursts = [
+            (session, burst)
             for _, session in self._sessions.items()
-            if session.burst is not None and session.burst.client.peer is peer
+            if (burst := session.burst) is not None and burst.client.peer is peer
         ]
-        for session in burst_sessions:
+        for session, burst in bursts:
             max_parts = peer.bulk_frames(_FRAME_BYTES, now_s)
             if max_parts <= 0:
                 break
             session.last_use_s = now_s
-            self._send_parts(session, max_parts, now_s)
-        if any(session.burst is not None for session in burst_sessions):
+            self._send_parts(session, burst, max_parts, now_s)
+        if any(session.burst is not None for session, _ in bursts):
             peer.bulk.mark_unfinished()
 
-    def _send_parts(self, session: FileSession, max_parts: int, now_s: float) -> None:
+    def _send_parts(self, session: FileSession, burst: BurstRead, max_parts: int, now_s: float) -> None:
         """Send the next parts of one burst read."""
-        if session.burst is None or not isinstance(session.handle, OpenFile):
-            return
-        call = FileCall(session.burst.request, b"", session.burst.client, now_s)
+        call = FileCall(burst.request, b"", burst.client, now_s)
         try:
-            parts, is_end = session.burst.next_parts(session.handle, max_parts)
+            parts, is_end = burst.next_parts(max_parts)
         except (Refusal, OSError) as failure:
             session.burst = None
             self._replies.send(call, nak_payload(call.request, refusal_of(failure)))

@@ -108,20 +108,21 @@ class FileUpload:
 class BurstRead:
     """State of the reply to a burst read."""
 
-    __slots__ = ("_part_bytes", "client", "index", "offset", "request")
+    __slots__ = ("_file", "_part_bytes", "client", "index", "offset", "request")
 
-    def __init__(self, request: FileRequest, client: Station) -> None:
-        """Start at the requested offset; each part has the requested size."""
+    def __init__(self, request: FileRequest, client: Station, file: OpenFile) -> None:
+        """Start at the requested offset of a file; each part has the requested size."""
         self.request = request
         self.client = client
+        self._file = file
         self.offset = request.offset
         self.index = 0
         self._part_bytes = request.size or DATA_BYTES
 
-    def next_parts(self, file: OpenFile, max_parts: int) -> tuple[list[tuple[int, int, bytes]], bool]:
+    def next_parts(self, max_parts: int) -> tuple[list[tuple[int, int, bytes]], bool]:
         """Return at most `max_parts` parts as (index, offset, data), and whether they end the burst."""
         count = min(max_parts, _MAX_BURST_PARTS - self.index)
-        data = file.read(self.offset, count * self._part_bytes)
+        data = self._file.read(self.offset, count * self._part_bytes)
         parts = []
         for start in range(0, len(data), self._part_bytes):
             part = data[start : start + self._part_bytes]
@@ -129,7 +130,7 @@ class BurstRead:
             self.index += 1
             self.offset += len(part)
         # Without data, the file has become shorter since its opening.
-        is_end = self.index >= _MAX_BURST_PARTS or self.offset >= file.size or not data
+        is_end = self.index >= _MAX_BURST_PARTS or self.offset >= self._file.size or not data
         return parts, is_end
 
 

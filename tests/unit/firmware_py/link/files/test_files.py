@@ -3,6 +3,7 @@
 import gzip
 import os
 import random
+import stat
 import zlib
 from pathlib import Path
 
@@ -60,16 +61,21 @@ def test_invalid_request_is_refused(client, opcode, path, error):
 
 
 @pytest.mark.parametrize(
-    ("path", "error"),
+    ("opcode", "path", "error"),
     [
-        ("uploads/d/d/d/f", (NOT_FOUND,)),
-        ("uploads/d/d/d/d/f", (ERRNO, 36)),
-        (f"uploads/{'n' * 64}", (NOT_FOUND,)),
-        (f"uploads/{'n' * 65}", (ERRNO, 36)),
+        (OPEN, "uploads/d/d/d/f", (NOT_FOUND,)),
+        (OPEN, "uploads/d/d/d/d/f", (ERRNO, 36)),
+        (MKDIR, "uploads/d/d/d", (NOT_FOUND,)),
+        (MKDIR, "uploads/d/d/d/d", (ERRNO, 36)),
+        (OPEN, f"uploads/{'n' * 64}", (NOT_FOUND,)),
+        (OPEN, f"uploads/{'n' * 65}", (ERRNO, 36)),
+        (OPEN, "uploads/ \x7f", (ERRNO, 22)),
+        (OPEN, "uploads/\x1f", (ERRNO, 22)),
+        (OPEN, "uploads/ ~", (NOT_FOUND,)),
     ],
 )
-def test_depth_and_length_of_names_are_limited(client, path, error):
-    assert client.ask(OPEN, path).error == error
+def test_depth_length_and_characters_of_names_are_limited(client, opcode, path, error):
+    assert client.ask(opcode, path).error == error
 
 
 def test_size_of_more_than_239_bytes_is_refused(client):
@@ -94,6 +100,16 @@ def test_listing_with_modification_times(client, disk):
     os.utime(disk / LOG, (1_700_000_000, 1_700_000_000))
     assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t1700000000"]
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]
+    os.utime(disk / LOG, (-5, -5))
+    assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t0"]
+    assert "Dlogs" in client.list("/", LIST_TIMES)
+
+
+def test_listing_has_at_most_4096_entries(client, uploads):
+    for number in range(4097):
+        (uploads / str(number)).touch()
+    assert client.ask(LIST, "uploads", offset=4095).ok
+    assert client.ask(LIST, "uploads", offset=4096).error == (END,)
 
 
 def test_compressed_log_has_both_names(client, disk):
@@ -117,13 +133,19 @@ def test_compressed_upload_has_only_its_own_name(client, uploads):
     assert client.ask(OPEN, "uploads/a").error == (NOT_FOUND,)
 
 
-def test_pages_of_a_long_listing_come_from_one_snapshot(client, disk):
+@pytest.mark.parametrize(("others", "wait_s", "is_stored"), [(7, 29.0, True), (7, 30.0, False), (8, 0.0, False)])
+def test_pages_of_a_long_listing_come_from_one_of_eight_snapshots(client, disk, others, wait_s, is_stored):
     for number in range(2, 60):
         (disk / "logs" / f"{number:08d}.BIN").write_bytes(b"")
     names = client.ask(LIST, "/logs").data.decode().rstrip("\0").split("\0")
-    (disk / LOG).unlink()  # does not shift the entries of the next page
+    (disk / LOG).unlink()  # does not shift the entries of the next page of the snapshot
+    for number in range(others):
+        client.ask(LIST, "uploads" + "/" * number)
+    client.rig.now_s += wait_s
     names += client.ask(LIST, "/logs", offset=len(names)).data.decode().rstrip("\0").split("\0")
-    assert [name[1:].split("\t")[0] for name in names] == [f"{number:08d}.BIN" for number in range(1, len(names) + 1)]
+    numbers = [int(name[1:].split(".")[0]) for name in names]
+    assert numbers[:12] == list(range(1, 13))
+    assert (numbers == list(range(1, len(names) + 1))) is is_stored
 
 
 def test_empty_directory_has_no_entries(client):
@@ -146,11 +168,12 @@ def test_read_at_any_offset(client):
 @pytest.mark.parametrize("part_bytes", [239, 110, 1])
 def test_burst_sends_parts_of_the_requested_size(client, part_bytes):
     client.ask(OPEN, LOG)
-    content, sequences, offset = b"", [], 0
+    content, sequences, offset, counts = b"", [], 0, []
     while offset < len(CONTENT):
         parts = client.all(BURST, offset=offset, size=part_bytes)
         assert [part.last for part in parts] == [0] * (len(parts) - 1) + [1]
         assert {part.session for part in parts} == {0}
+        counts.append(len(parts))
         sequences = [part.sequence for part in parts]
         assert sequences == list(range(client.sequence, client.sequence + len(parts)))
         for part in parts:
@@ -158,6 +181,7 @@ def test_burst_sends_parts_of_the_requested_size(client, part_bytes):
             content += part.data
         offset = len(content)
     assert content == CONTENT
+    assert counts == {239: [6], 110: [12], 1: [160] * 8}[part_bytes]
     assert client.ask(BURST, offset=offset, size=part_bytes).error == (END,)
 
 
@@ -204,26 +228,46 @@ def test_each_client_has_separate_sessions(disk, stored, ftp_station):
     assert client.ask(READ, size=10).data == CONTENT[:10]
 
 
-def test_number_of_sessions_is_limited_and_idle_ones_are_closed(client):
+def test_client_has_six_sessions_and_those_idle_for_ten_seconds_are_closed(client):
+    client.rig.now_s = 100.0
     for number in range(6):
         assert client.ask(OPEN, LOG, session=number).ok
     assert client.ask(OPEN, LOG, session=6).error == (NO_SESSIONS,)
     assert client.ask(OPEN, LOG, session=5).ok  # opens the same session again
-    client.rig.now_s += 11.0
+    client.rig.now_s = 109.75
+    assert client.ask(OPEN, LOG, session=6).error == (NO_SESSIONS,)
+    client.rig.now_s = 110.0
     client.ask(READ, session=0)
     assert client.ask(OPEN, LOG, session=6).ok
     assert client.ask(READ, session=0).ok
     assert client.ask(READ, session=1).error == (SESSION,)
 
 
-def test_descriptors_do_not_leak(client):
+def test_all_clients_have_sixteen_sessions(disk, stored, ftp_station):
+    rig, _ = stored(addresses=("one", "two", "three"))
+    rig.now_s = 100.0
+    clients = [ftp_station(rig, address) for address in ("one", "two", "three")]
+    opened = [client.ask(OPEN, LOG, session=number).ok for client in clients for number in range(6)]
+    assert opened == [True] * 16 + [False] * 2
+    rig.now_s = 110.0
+    assert clients[2].ask(OPEN, LOG, session=4).ok
+    assert clients[0].ask(READ, session=0).error == (SESSION,)
+    assert clients[0].ask(READ, session=1).ok
+
+
+def test_descriptors_do_not_leak(client, uploads):
+    (uploads / "d").mkdir()
+    os.mkfifo(uploads / "pipe")
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
-    for _ in range(50):
+    for _ in range(10):
         client.ask(OPEN, LOG)
         client.ask(LIST, "logs")
         client.ask(CHECKSUM, LOG)
         client.ask(CREATE, "uploads/a/b")
         client.ask(OPEN, "logs/none")
+        client.ask(OPEN, "uploads/d/none")
+        client.ask(OPEN, "uploads/pipe")
+        client.put("uploads/d/c", b"content")
     client.ask(RESET)
     assert len(list(Path("/proc/self/fd").iterdir())) == descriptors
 
@@ -278,12 +322,13 @@ def test_number_of_gaps_in_an_upload_is_limited(client):
 
 
 def test_abandoned_upload_is_discarded_after_two_minutes(client, uploads):
+    client.rig.now_s = 100.0
     (uploads / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"new")
-    client.rig.now_s += 119.0
+    client.rig.now_s += 120.0
     assert client.ask(WRITE, b"more", offset=3).ok
-    client.rig.now_s += 121.0
+    client.rig.now_s += 120.25
     assert client.ask(WRITE, b"more", offset=7).error == (SESSION,)
     assert (uploads / "a.plan").read_bytes() == b"old"
 
@@ -304,6 +349,7 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
     assert client.ask(RMDIR, "uploads/d").error == (ERRNO, 39)
     client.put("uploads/c", b"")
     assert client.ask(RENAME, "uploads/c\0uploads/d/b.plan").error == (EXISTS,)
+    assert client.ask(RENAME, "uploads/none\0uploads/c").error == (NOT_FOUND,)
     assert client.ask(REMOVE, "uploads/d/b.plan").ok
     assert client.ask(REMOVE, "uploads/d/b.plan").error == (NOT_FOUND,)
     assert client.ask(REMOVE, "uploads/d").error == (ERRNO, 21)
@@ -329,8 +375,10 @@ def test_only_uploads_are_writable(client, disk, opcode, path):
 
 
 def test_size_limits_of_uploads(client, uploads):
-    (uploads / "a").write_bytes(bytes((1 << 20) - 1))
-    client.ask(OPEN_WRITE, "uploads/a")
+    (uploads / "a").write_bytes(bytes((1 << 20) + 1))
+    assert client.ask(OPEN_WRITE, "uploads/a").error == (ERRNO, 27)
+    (uploads / "a").write_bytes(bytes(1 << 20))
+    assert client.ask(OPEN_WRITE, "uploads/a").ok
     assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
     assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, 27)
     assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
@@ -342,13 +390,16 @@ def test_size_limits_of_uploads(client, uploads):
 
 
 def test_number_of_open_uploads_is_limited_and_idle_ones_are_closed(client, uploads):
+    client.rig.now_s = 100.0
     for number in range(4):
         assert client.ask(CREATE, f"uploads/{number}", session=number).ok
         assert client.ask(WRITE, b"x", session=number).ok
     assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
     assert client.ask(OPEN, LOG, session=4).ok
     assert client.ask(CREATE, "uploads/3", session=3).ok  # opens the same session again
-    client.rig.now_s += 11.0
+    client.rig.now_s = 109.75
+    assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
+    client.rig.now_s = 110.0
     assert client.ask(CREATE, "uploads/4", session=4).ok
     assert client.ask(WRITE, b"x", session=0).error == (SESSION,)
     assert client.ask(RESET).ok
@@ -365,11 +416,12 @@ def test_simultaneous_bursts_are_all_completed(client):
 
 
 def test_number_of_files_is_limited(client, uploads):
-    for number in range(128):
-        (uploads / str(number)).touch()
+    (uploads / "d").mkdir()
+    for number in range(127):
+        (uploads / "d" / str(number)).touch()
     assert client.put("uploads/b", b"").error == (ERRNO, 28)
     assert client.ask(MKDIR, "uploads/b").error == (ERRNO, 28)
-    assert client.put("uploads/5", b"replacement").ok
+    assert client.put("uploads/d/5", b"replacement").ok
 
 
 @pytest.mark.parametrize("opcode", [CREATE, MKDIR])
@@ -391,6 +443,16 @@ def test_retry_of_a_removal_succeeds(client):
     assert client.ask(REMOVE, "uploads/a", sequence=70).ok
     assert client.ask(REMOVE, "uploads/a", sequence=70).ok
     assert client.ask(REMOVE, "uploads/a", sequence=71).error == (NOT_FOUND,)
+
+
+@pytest.mark.parametrize(("others", "wait_s", "is_stored"), [(63, 5.0, True), (64, 5.0, False), (0, 5.25, False)])
+def test_replies_to_64_requests_are_stored_for_five_seconds(client, others, wait_s, is_stored):
+    client.rig.now_s = 100.0
+    assert client.ask(MKDIR, "uploads/a", sequence=7).ok
+    for number in range(others):
+        client.ask(REMOVE, "uploads/none", sequence=8 + number)
+    client.rig.now_s += wait_s
+    assert client.ask(MKDIR, "uploads/a", sequence=7).ok is is_stored
 
 
 def test_restarted_client_gets_no_stored_reply(client):
@@ -505,3 +567,27 @@ def test_repeated_sequence_numbers_do_not_return_old_content(client, disk):
         client.ask(OPEN, LOG, sequence=1)
         assert client.ask(READ, offset=0, size=20).data == content
         assert client.ask(TERMINATE, sequence=9).ok
+
+
+def test_upload_is_synced_before_it_replaces_the_file(client, uploads, monkeypatch):
+    calls, fsync, rename = [], os.fsync, os.rename
+
+    def record_sync(descriptor):
+        calls.append("directory" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else os.fstat(descriptor).st_size)
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", record_sync)
+    monkeypatch.setattr(os, "rename", lambda *names, **more: calls.append("rename") or rename(*names, **more))
+    assert client.put("uploads/a", b"content").ok
+    assert calls == [7, "rename", "directory"]
+
+
+def test_upload_to_a_full_disk_keeps_the_old_file(client, uploads, monkeypatch):
+    (uploads / "a").write_bytes(b"old")
+    write = os.write
+    client.ask(CREATE, "uploads/a")
+    client.ask(WRITE, b"content")
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
+        assert client.ask(TERMINATE).error == (ERRNO, 28)
+    assert {path.name: path.read_bytes() for path in uploads.iterdir()} == {"a": b"old"}

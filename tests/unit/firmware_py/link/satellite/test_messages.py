@@ -102,11 +102,11 @@ def test_message_has_at_most_340_bytes_and_what_the_budget_allows():
     frames = {Kind.EVENT: bytes(200), Kind.REPORT: bytes(141), Kind.ANSWER: bytes(140)}
     for kind, frame in frames.items():
         queue.offer(kind, frame)
-    asked = []
-    bundle = queue.compose(lambda kind, size: asked.append((kind, size)) or True)
+    offers = []
+    bundle = queue.compose(lambda kind, size: offers.append((kind, size)) or True)
     assert [kind for kind, _ in bundle.frames] == [Kind.EVENT, Kind.ANSWER]
     assert len(bundle.content) == 340
-    assert asked == [(Kind.EVENT, 200), (Kind.ANSWER, 340)]
+    assert offers == [(Kind.EVENT, 200), (Kind.ANSWER, 340)]
     assert [kind for kind, _ in queue.compose(lambda kind, _size: kind is Kind.REPORT).frames] == [Kind.REPORT]
 
 
