@@ -89,7 +89,7 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
             points.append((vertex.x, y))
     if len(points) > 1 and points[0] == points[-1]:
         points.pop()
-    return list(zip(points, [*points[1:], points[0]], strict=True)) if len(points) > 1 else []
+    return list(zip(points, [*points[1:], points[0]], strict=True))
 
 
 def _find_crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:

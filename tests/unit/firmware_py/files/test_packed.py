@@ -54,10 +54,12 @@ def test_random_access_matches_the_log(tmp_path_factory, offset, count):
     file.close()
 
 
-def test_damaged_block_is_an_error_others_are_readable(tmp_path):
+@pytest.mark.parametrize("is_checksum", [False, True])
+def test_damaged_block_is_an_error_others_are_readable(tmp_path, is_checksum):
     content = make_content(SIZES[-1])
     data = bytearray(pack(content))
-    data[len(pack_block(content[:BLOCK_BYTES])) + 100] ^= 0x10  # in the second block
+    begin, end = (len(pack(content[: blocks * BLOCK_BYTES])) - len(pack(b"")) - 4 * blocks for blocks in (1, 2))
+    data[end - 8 if is_checksum else begin + 100] ^= 0x10  # in the second block
     file = open_packed(tmp_path / "a.BIN.gz", bytes(data))
     assert file.read(0, 1000) == content[:1000]
     assert file.read(2 * BLOCK_BYTES, 1000) == content[2 * BLOCK_BYTES :][:1000]
@@ -70,7 +72,15 @@ def test_damaged_block_is_an_error_others_are_readable(tmp_path):
 def test_incomplete_or_other_file_is_refused_and_closed(tmp_path, cut):
     data = pack(make_content(SIZES[-1]))
     open_count = len(list(Path("/proc/self/fd").iterdir()))
-    for other in (data[: len(data) - cut - 1], gzip.compress(b"another program"), data[cut + 1 :]):
+    no_header = bytes(20) + (14).to_bytes(4, "little") + data[-10:]  # an index without a header
+    others = [
+        data[: len(data) - cut - 1],
+        gzip.compress(b"another program"),
+        data[cut + 1 :],
+        data[:-1] + b"x",
+        no_header,
+    ]
+    for other in others:
         with pytest.raises(OSError, match="gzip -d"):
             open_packed(tmp_path / "a.BIN.gz", other)
     assert len(list(Path("/proc/self/fd").iterdir())) == open_count

@@ -6,12 +6,13 @@ import random
 import pytest
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.plans.fence import find_breaches, margin_m
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, place_of
+from firmware_py.plans.fence import fence_of, find_breaches, margin_m
 
 MAX_CHECKS = 500
 CENTRE = Place(0.6, 2.0)
-WAYPOINT, TURNS, ENABLE, RETURN_POINT, INCLUDED, EXCLUDED, CIRCLE, RALLY = 16, 18, 207, 5000, 5001, 5002, 5004, 5100
+WAYPOINT, TURNS, ENABLE, RETURN_POINT, RALLY = 16, 18, 207, 5000, 5100
+INCLUDED, EXCLUDED, INCLUDED_CIRCLE, CIRCLE = 5001, 5002, 5003, 5004
 
 
 def item_at(command, north_m, east_m, *params, centre=CENTRE):
@@ -109,7 +110,29 @@ def test_error_of_the_check_of_a_leg_is_limited():
     assert breach_count > 5
 
 
-def test_number_of_checks_is_limited():
-    mission = [item_at(WAYPOINT, 499.9, -499.0), item_at(WAYPOINT, 499.9, 499.0)]
+@pytest.mark.parametrize(("length_m", "checks"), [(998.0, 500), (9.5, 10)])
+def test_leg_is_checked_each_metre_but_at_most_500_times(length_m, checks):
+    mission = [item_at(WAYPOINT, 499.9, -length_m / 2.0), item_at(WAYPOINT, 499.9, length_m / 2.0)]
     plans = Plans(Plan.of(PlanKind.MISSION, mission), Plan.of(PlanKind.FENCE, SQUARE))
-    assert sum(breach is None for breach in find_breaches(plans)) <= MAX_CHECKS + 3
+    assert sum(breach is None for breach in find_breaches(plans)) == checks + len(mission)
+
+
+@pytest.mark.parametrize(("outside_m", "texts"), [(0.095, []), (0.105, ["Mission item 1 is 1 m outside the fence"])])
+def test_item_may_be_ten_centimetres_outside(outside_m, texts):
+    waypoint = item_at(WAYPOINT, 100, 0)
+    margin = margin_m(Plan.of(PlanKind.FENCE, [item_at(INCLUDED_CIRCLE, 0, 0, 100)]), place_of(waypoint))
+    assert breach_texts([waypoint], [item_at(INCLUDED_CIRCLE, 0, 0, 100 - margin - outside_m)]) == texts
+
+
+def test_boat_must_be_inside_all_areas_of_one_group():
+    place = CENTRE.at_offset(150, 0)
+    for groups, margin in (((0, 0), -50.0), ((0, 1), 50.0), ((254, 255), 50.0), ((math.nan, 0), -50.0)):
+        circles = [item_at(INCLUDED_CIRCLE, 0, 0, *pair) for pair in zip((100, 200), groups, strict=True)]
+        assert margin_m(Plan.of(PlanKind.FENCE, circles), place) == pytest.approx(margin, abs=0.1)
+    assert margin_m(Plan.of(PlanKind.FENCE, [item_at(RETURN_POINT, 0, 0)]), place) == 1e7
+
+
+@pytest.mark.parametrize("count", [math.nan, -4.0, 0.0, 4.0, 1e9])
+def test_impossible_number_of_vertices_of_a_log_does_not_matter(count):
+    fence = fence_of(Plan.of(PlanKind.FENCE, [*square(INCLUDED, 500), item_at(INCLUDED, 0, 0, count)]))
+    assert [len(area.corners) for area in fence.areas] == [4]

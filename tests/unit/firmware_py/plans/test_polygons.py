@@ -38,6 +38,7 @@ def test_polygons_are_assembled():
 
 
 WEST, EAST = -1_799_999_900, 1_799_999_900
+SAW = [(0, -5000), *((10 * number, 1000 * (number % 2)) for number in range(300)), (3000, -5000)]
 
 
 @pytest.mark.parametrize(
@@ -48,6 +49,11 @@ WEST, EAST = -1_799_999_900, 1_799_999_900
         ((0, 0), (0, 0), (0, 100), (100, 100)),
         ((0, EAST), (0, WEST), (100, WEST), (100, EAST)),
         ((0, 0), (100, 50), (0, 100), (50, 50)),
+        ((0, 0), (1000, 0), (500, 2)),
+        # The farthest vertex has a small or a negative coordinate.
+        *(((0, 0), (50, 100), (0, 300)), ((0, 0), (-300, 10), (-100, 50)), ((0, 0), (10, -300), (50, -100))),
+        # All edges overlap along one axis only.
+        *([point[::step] for point in SAW] for step in (1, -1)),
         tuple(
             (round(1e6 * math.cos(a / 250 * math.tau)), round(1e6 * math.sin(a / 250 * math.tau))) for a in range(250)
         ),
@@ -66,6 +72,7 @@ def test_valid_polygon_is_accepted(points, command):
         ([*ring(*SQUARE[:2], count=3), *ring(SQUARE[2], count=4)], (2, PlanResult.INVALID_PARAM1)),
         ([*ring(*SQUARE)[:3], item(5003, 5.0)], (3, PlanResult.INVALID_PARAM1)),
         (ring((0, 0), (0, 0), (0, 100)), (0, PlanResult.INVALID)),
+        (ring((0, 0), (0, 0), (0, 0)), (0, PlanResult.INVALID)),
         (ring((0, 0), (100, 100), (0, 100), (100, 0)), (0, PlanResult.INVALID)),
         (ring((0, EAST), (100, WEST), (0, WEST), (100, EAST)), (0, PlanResult.INVALID)),
         ([item(5000), item(5003, 5.0), item(5000)], (2, PlanResult.INVALID)),
@@ -75,15 +82,20 @@ def test_invalid_polygon_is_refused(items, expected):
     assert problem(*items) == expected
 
 
-def test_too_complex_polygon_is_refused():
-    zigzag = [(100_000 * (index % 2) + index, 100_000 * (index // 2 % 2) - index) for index in range(900)]
-    assert problem(*ring(*zigzag)) == (0, PlanResult.INVALID)
+def test_fence_of_more_than_twenty_thousand_pairs_of_edges_is_refused():
+    zigzag = [(100_000 * (index % 2) + index // 2, 100_000 * (index % 2) - index // 2) for index in range(198)]
+    large = ring(*zigzag, (600, -610))  # 199 edges: 19,701 pairs, because each overlaps all others along both axes
+    square, triangle = ring(*SQUARE), ring(*SQUARE[:3])  # 5 and 3 pairs
+    assert problem(*large, *square, *triangle * 98) is None
+    refusal = problem_of(Plan.of(PlanKind.FENCE, [*large, *triangle * 100]))
+    assert (refusal.index, refusal.text) == (496, "the polygon is too complex to be checked; use fewer vertices")
 
 
 @pytest.mark.parametrize(
     "points",
     [
         ((0, 0), (0, 100), (0, 200)),
+        ((0, 0), (1000, 0), (500, 1)),
         ((5, 5), (50_005, 100_005), (100_005, 200_005), (25_006, 50_005)),  # within the resolution of the coordinates
         ((0, EAST), (100, EAST + 100), (200, WEST)),
         ((0, 0), (100, 100), (0, 0), (300, 300)),

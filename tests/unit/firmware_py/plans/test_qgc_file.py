@@ -41,7 +41,7 @@ QGC = document(
         simple(1, 16, [0, 0, 0, None, 36.1, 121.1, 0]),
         simple(2, 19, [600, 0, 50, 1, 36.2, 121.2, 0], autoContinue=False),
         simple(3, 177, [1, 3, 0, 0, 0, 0, 0], frame=2),
-        simple(4, 20, [0, 0, 0, 0, 0, 0, 0], frame=2),
+        simple(4, 20, [0, 0, 0, 0, None, None, None], frame=2),
     ],
     polygons=[
         {"version": 1, "inclusion": True, "polygon": [[36.0, 121.0], [36.0, 122.0], [37.0, 121.5]]},
@@ -49,7 +49,7 @@ QGC = document(
     ],
     circles=[{"version": 1, "inclusion": False, "circle": {"center": [36.3, 121.5], "radius": 250.5}}],
     points=[[36.01, 121.02, 0], [36.03, 121.04, 1.5]],
-    breachReturn=[36.05, 121.5, 0],
+    breachReturn=[36.05, 121.5, 7.5],
 )
 
 
@@ -70,10 +70,12 @@ def survey(items, *, version=2):
     }
 
 
-def test_survey_is_replaced_by_its_items():
+@pytest.mark.parametrize("version", [{"version": 1}, {"version": 2}, {}])
+def test_survey_is_replaced_by_its_items(version):
     lanes = [simple(number, 16, [0, 0, 0, None, 36.0 + 0.001 * number, 121.0, 0]) for number in range(2, 6)]
-    jump = simple(6, 177, [2, 1, 0, 0, 0, 0, 0], frame=2)
-    text = json.dumps(document([simple(1, 16, [0, 0, 0, None, 36.0, 121.0, 0]), survey(lanes), jump]))
+    jump, scan = simple(6, 177, [2, 1, 0, 0, 0, 0, 0], frame=2), survey(lanes)
+    scan["TransectStyleComplexItem"] = {"Items": lanes, **version}
+    text = json.dumps(document([simple(1, 16, [0, 0, 0, None, 36.0, 121.0, 0]), scan, jump]))
     mission = read_plan(text, "a.plan")[0]
     assert [item.x for item in mission.items[:-1]] == [360_000_000, *range(360_020_000, 360_060_000, 10_000)]
     assert mission.items[-1].params[:2] == (1.0, 1.0)  # the first lane, by its doJumpId
@@ -92,7 +94,7 @@ def test_all_items_of_a_plan_are_read():
             PlanItem(16, 3, True, (0.0, 0.0, 0.0, math.nan), 361_000_000, 1_211_000_000, 0.0),
             PlanItem(19, 3, False, (600.0, 0.0, 50.0, 1.0), 362_000_000, 1_212_000_000, 0.0),
             PlanItem(177, 2, True, (0.0, 3.0, 0.0, 0.0)),
-            PlanItem(20, 2, True, (0.0, 0.0, 0.0, 0.0)),
+            PlanItem(20, 2, True, (0.0, 0.0, 0.0, 0.0), 0, 0, math.nan),
         )
     )
     commands = [*[(5001, 3.0)] * 3, *[(5002, 4.0)] * 4, (5004, 250.5), (5000, 0.0)]
@@ -103,11 +105,30 @@ def test_all_items_of_a_plan_are_read():
     ]
 
 
-def test_written_plan_is_read_unchanged():
+def test_written_plan_has_the_content_of_the_file_read():
     plans = Plans()
     for plan in read_plan(json.dumps(QGC), "a.plan"):
         plans = plans.replaced(plan)
+    keys = ("type", "autoContinue", "command", "doJumpId", "frame", "params")
+    items = [{key: item[key] for key in keys} for item in QGC["mission"]["items"]]
+    items[3]["params"] = [0, 0, 0, 0, 0, 0, None]
+    mission = {
+        "version": 2, "firmwareType": 3, "vehicleType": 11, "cruiseSpeed": 0.5, "hoverSpeed": 0.5,
+        "globalPlanAltitudeMode": 1, "plannedHomePosition": [36.1, 121.1, 0.0], "items": items,
+    }  # fmt: skip
+    assert json.loads(write_plan(plans)) == QGC | {"groundStation": "Rambler", "mission": mission}
     assert read_plan(write_plan(plans), "b.plan") == (plans.mission, plans.fence, plans.rally)
+
+
+def test_absent_parts_have_their_defaults():
+    items = [simple(None, 16, [0] * 7), simple(None, 177, [1, 3, 0, 0, 0, 0, 0])]
+    for entry in items:
+        del entry["doJumpId"], entry["autoContinue"]
+    content = document(items, polygons=QGC["geoFence"]["polygons"], breachReturn=[36.05, 121.5])
+    mission, fence, _ = read_plan(json.dumps(content), "a.plan")
+    assert [(item.params[0], item.autocontinue) for item in mission.items] == [(0.0, True), (0.0, True)]
+    assert (fence.items[-1].x, fence.items[-1].z) == (360_500_000, 0.0)
+    assert len(read_plan(json.dumps(document(items[:1] * 2000)), "a.plan")[0].items) == 2000
 
 
 @pytest.mark.parametrize(
@@ -166,15 +187,27 @@ def test_written_plan_is_read_unchanged():
         (document([simple(1, 16, [0, 0, 0, 0, 91, 0, 0])]), "item 1: latitude 91 is not"),
         (document([simple(1, 16, [1e39, 0, 0, 0, 0, 0, 0])]), "item 1: param1 is too large"),
         (document([simple(1, 16, [10**400, 0, 0, 0, 0, 0, 0])]), "item 1:"),
-        (document([simple(1, 1e9, [0] * 7)]), "item 1: expected a whole number"),
+        (document([simple(1, 65536, [0] * 7)]), "item 1: expected a whole number from 0 to 65535, found 65536"),
+        (document([simple(65536, 16, [0] * 7)]), "item 1: expected a whole number from 0 to 65535, found 65536"),
         (document([simple(1, 177, [5, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
         (document([simple(1, 177, [None, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
-        (document([simple(1, 16, [0] * 7, frame=-1)]), "item 1: expected a whole number"),
+        *(
+            (document([simple(1, 16, [0] * 7, frame=frame)]), "item 1: expected a whole number from 0 to 255")
+            for frame in (-1, 256, 0.5)
+        ),
         (document([simple(1, 16, [0] * 7, autoContinue=1)]), "item 1: expected true or false"),
         (document(polygons=[{"inclusion": True, "polygon": []}]), "geoFence: item 1: the polygon has no"),
         (document(polygons=[{"polygon": [[1, 2]]}]), "geoFence: item 1: expected true or false"),
-        (document(circles=[{"inclusion": True, "circle": {"center": [1]}}]), "geoFence: item 1:"),
-        (document(points=[[1, 2]]), "rallyPoints: item 1: expected [latitude, longitude, altitude]"),
+        *(
+            (document(circles=[{"inclusion": True, "circle": {"center": centre}}]), "item 1: expected [latitude, longi")
+            for centre in ([1], [1, 2, 3, 4], 5)
+        ),
+        *(
+            (document(points=[point]), "rallyPoints: item 1: expected [latitude, longitude, altitude]")
+            for point in ([1, 2], [1, 2, 3, 4])
+        ),
+        (QGC | {"x" * 38: 0}, f"key '{'x' * 38}' is not known"),
+        (QGC | {"x" * 39: 0}, f"key '{'x' * 36}... is not known"),
         (document([simple(1, 16, [0] * 7)] * 2001), "at most 2000"),
     ],
 )

@@ -18,6 +18,10 @@ from firmware_py.plans.text_files import read_text, write_text
 HEADER = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
 
 
+FENCE_HEADER = b"QGC WPL 110\n0\t0\t0\t5003\t9\t0\t0\t0\t1\t2\t0\t1\n"
+CAMERA_IN_FENCE = FENCE_HEADER + b"1\t0\t0\t5004\t9\t0\t0\t0\t1\t2\t0\t1\n2\t0\t3\t206\t0\t0\t0\t0\t1\t2\t0\t1\n"
+
+
 @pytest.fixture
 def mavwp(monkeypatch):
     monkeypatch.setenv("MAVLINK20", "1")
@@ -123,12 +127,17 @@ def test_any_bytes_are_read_or_refused(content):
 def test_invalid_file_is_refused():
     lines = "".join(f"{n}\t0\t{frame}\t16\t0\t0\t0\t0\t1\t2\t0\t1\n" for n, frame in ((1, 3), (2, 1)))
     for content, error in (
-        (b"1 2\n" * (3 << 20), "larger than"),
+        (b" " * ((8 << 20) + 1), "larger than 8 MiB: not a plan file"),
+        (b" " * (8 << 20), "not a supported plan file"),
+        (FENCE_HEADER + b"1\t0\t0\t5001\t2\t0\t0\t0\t1\t2\t0\t1\n", "fence: item 1: .* param1 is 2;.*counted from 0"),
+        (CAMERA_IN_FENCE, "fence: item 2: command 206 is not known"),
         (b"\xff\xfe\x00", "not a text file"),
         ((HEADER + lines).encode(), "mission: item 2: NAV_WAYPOINT: frame 1 is not supported.*home is item 0"),
     ):
         with pytest.raises(PlanFileError, match=error):
             read_plan_file(content, "a.waypoints")
+    with pytest.raises(PlanFileError, match=r"mission: item 2: .*items are counted from 0"):
+        read_plan_file((HEADER + lines).encode(), "a.waypoints", home=False)
 
 
 def waypoints(*rows):
@@ -151,6 +160,7 @@ def test_camera_items_are_skipped_and_jumps_keep_their_targets():
         ([(206, 25), (16, -1)], "mission: item 2: NAV_WAYPOINT: param1 is -1"),
         ([(206, 25), (16, 0), (177, 9)], "mission: item 3: DO_JUMP: the target item"),
         ([(206, 25), (16, 0), (177, 1.5)], "mission: item 3: DO_JUMP: param1 is 0.5"),
+        ([(206, 25), (16, 0), (177, 0)], "mission: item 3: DO_JUMP: param1 is -1"),
         ([(206, 25), (16, 0), (177, "nan")], "mission: item 3: DO_JUMP: param1 is nan"),
         ([(16, 0), (177, 3), (206, 25)], "mission: item 2: DO_JUMP: the target item does not exist"),
         ([(206, 25), (206, 0)], "only camera commands"),

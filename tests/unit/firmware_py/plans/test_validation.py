@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.plans.items import CAMERA, PLACE_FRAMES, ROWS, TABLE, Command
+from firmware_py.plans.items import CAMERA, PLACE_FRAMES, ROWS, TABLE, has_position, markdown
 from firmware_py.plans.validation import PlanResult, problem_of
+from support.paths import ROOT
 
 NAN, INF = math.nan, math.inf
 MISSION, FENCE, RALLY = PlanKind
@@ -42,7 +43,14 @@ def test_camera_commands_have_names_of_cameras():
     assert [name for name in names if not any(word in name for word in words)] == []
 
 
+def test_reference_page_states_commands_and_limits():
+    assert markdown() in (ROOT / "docs/reference/plan-items.md").read_text(encoding="utf-8")
+
+
 VALID = [
+    (MISSION, item(16, x=900_000_000, y=1_800_000_000)),
+    (MISSION, item(16, x=-900_000_000, y=-1_800_000_000)),
+    (RALLY, item(5100, x=0, y=7)),
     (MISSION, item(16, 0.0, NAN, NAN, NAN, z=NAN)),
     (MISSION, item(16, 1e8, 5.0, x=0, y=0)),
     (MISSION, item(17, NAN, NAN, -50.0, NAN)),
@@ -88,13 +96,14 @@ INVALID = [
     (MISSION, item(16, 0.0, 0.0, INF), PlanResult.INVALID_PARAM3),
     (MISSION, item(16, 0.0, 0.0, 0.0, -INF), PlanResult.INVALID_PARAM4),
     (MISSION, item(16, x=900_000_001), PlanResult.INVALID_PARAM5_X),
-    (MISSION, item(16, x=-(2**31)), PlanResult.INVALID_PARAM5_X),
-    (MISSION, item(16, y=2**31 - 1), PlanResult.INVALID_PARAM6_Y),
+    (MISSION, item(16, x=-900_000_001), PlanResult.INVALID_PARAM5_X),
+    (MISSION, item(16, y=1_800_000_001), PlanResult.INVALID_PARAM6_Y),
+    (MISSION, item(16, y=-1_800_000_001), PlanResult.INVALID_PARAM6_Y),
     (MISSION, item(16, z=INF), PlanResult.INVALID_PARAM7),
     (MISSION, item(18, NAN), PlanResult.INVALID_PARAM1),
     (MISSION, item(19, NAN), PlanResult.INVALID_PARAM1),
     (MISSION, item(17, 0.0, 0.0, 1e9), PlanResult.INVALID_PARAM3),
-    (MISSION, item(93, -2.0), PlanResult.INVALID_PARAM1),
+    *((MISSION, item(93, seconds), PlanResult.INVALID_PARAM1) for seconds in (-2.0, -0.5)),
     (MISSION, item(93, -1.0, -1.0), PlanResult.INVALID_PARAM2),
     (MISSION, item(93, -1.0, NAN), PlanResult.INVALID_PARAM2),
     (MISSION, item(93, -1.0, 6.5), PlanResult.INVALID_PARAM2),
@@ -127,6 +136,25 @@ INVALID = [
 @pytest.mark.parametrize(("kind", "plan_item", "result"), INVALID)
 def test_invalid_item_is_refused(kind, plan_item, result):
     assert problem(kind, plan_item) == (0, result)
+
+
+def test_parameters_with_a_default_may_be_nan():
+    numbers = {(command, meaning.number) for command, row in ROWS.items() for meaning in row.meanings}
+    refused = {(n, i) for n, i in numbers if not next(m for m in ROWS[n].meanings if m.number == i).admits(NAN)}
+    assert numbers - refused == {
+        (16, 1), (16, 2), (17, 3), (18, 3), (19, 3), (93, 2), (93, 3), (93, 4), (115, 3), (207, 2), (5001, 2), (5003, 2)
+    }  # fmt: skip
+
+
+def test_frames_of_items_with_and_without_a_place():
+    for command, frames in ((16, [0, 3, 5, 6, 10, 11]), (20, [0, 2, 3, 5, 6, 10, 11])):
+        assert [frame for frame in range(256) if problem(MISSION, item(command, frame=frame)) is None] == frames
+
+
+def test_items_with_a_place_and_items_that_take_time():
+    assert {n for n in ROWS if has_position(n)} == {16, 17, 18, 19, 179, 5000, 5001, 5002, 5003, 5004, 5100}
+    loops = {n: problem(MISSION, item(n), jump(0, -1)) for n, row in ROWS.items() if row.kind is MISSION}
+    assert {n for n, refusal in loops.items() if refusal is None} == {16, 17, 18, 19, 20, 93, 112, 115, 213}
 
 
 singles = st.floats(width=32)
@@ -181,6 +209,8 @@ def test_first_invalid_item_is_reported():
         # A limited jump is no endless loop.
         (jump(0),),
         (WAYPOINT, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+        (jump(0, 0),),
+        (item(178, 1.0, -1.0, frame=2), WAYPOINT),
         (jump(2, 3), WAYPOINT, jump(0, 3)),
         (WAYPOINT, jump(2, 5), jump(1, 5)),
         (item(178, 1.0, 1.0, frame=2), jump(0, 2), jump(3, -1), WAYPOINT),
@@ -218,6 +248,7 @@ NEAR, DELAY, TAG = item(114, 50.0, frame=2), item(112, 5.0, frame=2), item(600, 
         ((item(600, 0.5, frame=2),), (0, PlanResult.INVALID_PARAM1)),
         ((NEAR, item(207, 1.0, frame=2), DELAY, WAYPOINT), None),
         ((NEAR, item(16, x=0, y=0), WAYPOINT), (0, PlanResult.INVALID)),  # the present position
+        ((NEAR, item(16, x=0, y=5), NEAR, item(16, x=5, y=0)), None),
         ((NEAR, jump(2), WAYPOINT), (0, PlanResult.INVALID)),
         ((NEAR, RETURN), (0, PlanResult.INVALID)),
         ((item(207, 2.0, frame=2),), (0, PlanResult.INVALID_PARAM1)),
@@ -241,4 +272,10 @@ def test_validation_is_cached_by_the_plan_object():
     assert problem_of(plan) is problem_of(plan)
     assert problem_of(Plan.of(MISSION, (WAYPOINT,))) is None
     assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (WAYPOINT,)).identity)) is not None
-    assert ROWS[int(Command.JUMP)].name == "DO_JUMP"
+
+
+def test_four_validations_are_cached():
+    plans = [Plan.of(MISSION, (item(21, x=number),)) for number in range(5)]
+    problems = [problem_of(plan) for plan in plans]
+    assert all(problem_of(plan) is found for plan, found in zip(plans[1:], problems[1:], strict=True))
+    assert problem_of(plans[0]) is not problems[0]
