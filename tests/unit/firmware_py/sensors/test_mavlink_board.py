@@ -110,8 +110,9 @@ def test_selection_is_repeated_after_reopening(rig, board):
 
 
 def test_heartbeat_once_a_second_with_the_system_id_of_the_board(rig):
-    sent = [message for tenth in range(30) for message in decode_all(rig.receive(tenth / 10))]
-    assert [(message.get_type(), message.get_srcSystem()) for message in sent] == [("HEARTBEAT", 1)] * 3
+    sent = [(tenth, message) for tenth in range(30) for message in decode_all(rig.receive(tenth / 10))]
+    expected = [(tenth, "HEARTBEAT", 1) for tenth in (0, 10, 20)]
+    assert [(tenth, message.get_type(), message.get_srcSystem()) for tenth, message in sent] == expected
     rig.select(Board(system=9), 3.0)
     (heartbeat,) = [row for row in decode_all(rig.receive(4.0)) if row.get_type() == "HEARTBEAT"]
     assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (9, 191)

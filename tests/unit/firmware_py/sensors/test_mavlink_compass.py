@@ -112,11 +112,11 @@ def test_no_heading_before_the_first_status_and_after_a_silent_one(rig):
     assert rig.headings(1.0, rig.board.attitude()) == []
     assert rig.health(1.0) == (DeviceState.RUNNING, "")
     assert rig.headings(3.9, rig.board.attitude()) == []
-    assert rig.headings(4.1, rig.board.attitude()) == []
-    assert rig.health(4.1) == (DeviceState.FAULTY, "heading not valid: no estimator status")
+    assert rig.headings(4.01, rig.board.attitude()) == []
+    assert rig.health(4.01) == (DeviceState.FAULTY, "heading not valid: no estimator status")
     assert rig.headings(5.0, rig.board.ekf(), rig.board.attitude()) == [98.5]
     assert rig.headings(7.9, rig.board.attitude()) == [98.5]
-    assert rig.headings(8.1, rig.board.attitude()) == []
+    assert rig.headings(8.01, rig.board.attitude()) == []
 
 
 def test_status_may_be_waived(line):
@@ -158,15 +158,15 @@ def test_wait_for_a_status_begins_again_after_a_reopened_line(rig):
     [
         (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0),
         (0.0, math.inf, 0.0, 0.0, 0.0, 0.0),
-        (0.0, 1.6, 0.0, 0.0, 0.0, 0.0),
-        (0.0, -1.6, 0.0, 0.0, 0.0, 0.0),
-        (3.2, 0.0, 0.0, 0.0, 0.0, 0.0),
-        (-3.2, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (0.0, math.pi / 2 + 1.05e-4, 0.0, 0.0, 0.0, 0.0),
+        (0.0, -math.pi / 2 - 1.05e-4, 0.0, 0.0, 0.0, 0.0),
+        (math.pi + 1.05e-4, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (-math.pi - 1.05e-4, 0.0, 0.0, 0.0, 0.0, 0.0),
         (0.0, 0.0, math.nan, 0.0, 0.0, 0.0),
-        (0.0, 0.0, 6.3, 0.0, 0.0, 0.0),
-        (0.0, 0.0, -3.2, 0.0, 0.0, 0.0),
-        (0.0, 0.0, 0.0, 0.0, 0.0, 41.0),
-        (0.0, 0.0, 0.0, -41.0, 0.0, 0.0),
+        (0.0, 0.0, math.tau + 1.05e-4, 0.0, 0.0, 0.0),
+        (0.0, 0.0, -math.pi - 1.05e-4, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 40.1),
+        (0.0, 0.0, 0.0, -40.1, 0.0, 0.0),
     ],
 )
 def test_impossible_attitude_is_rejected(rig, values):

@@ -81,7 +81,7 @@ def test_summary_is_used_while_there_is_no_battery_message(rig):
     assert (sample.charge, sample.temperature_c) == (pytest.approx(0.66), None)
     assert len(rig.samples(2.0, battery(), summary())) == 1
     assert rig.samples(6.9, summary()) == ()
-    assert len(rig.samples(7.1, summary())) == 1
+    assert len(rig.samples(7.01, summary())) == 1
 
 
 @pytest.mark.parametrize("voltage", [0, 65535])
@@ -110,7 +110,7 @@ def test_requested_messages_and_silence(rig):
     assert rig.power.health(0.1).text == "connected, no battery yet"
     rig.samples(1.0, battery())
     assert rig.power.health(5.9).state is DeviceState.RUNNING
-    assert rig.power.health(6.1).state is DeviceState.SILENT
+    assert rig.power.health(6.01).state is DeviceState.SILENT
 
 
 def test_groups_of_an_older_board(rig):

@@ -80,7 +80,7 @@ def test_rate_of_turn_is_used_while_it_is_recent(deliver, compass):
     (sample,) = deliver(compass, rate(-2.0), heading(1.0))
     assert math.degrees(sample.yaw_rate_rad_s) == pytest.approx(-2.0, abs=1e-5)
     assert deliver(compass, heading(1.0), now_s=2.0)[0].yaw_rate_rad_s is not None
-    assert deliver(compass, heading(1.0), now_s=2.1)[0].yaw_rate_rad_s is None
+    assert deliver(compass, heading(1.0), now_s=2.01)[0].yaw_rate_rad_s is None
     for invalid in (rate(None), rate(61.0)):
         assert deliver(compass, rate(1.0), invalid, heading(1.0), now_s=2.2)[0].yaw_rate_rad_s is None
     assert deliver(compass, rate(59.9), heading(1.0), now_s=2.2)[0].yaw_rate_rad_s is not None
@@ -91,8 +91,8 @@ def test_attitude_is_used_while_it_is_recent(deliver, compass):
     (sample,) = deliver(compass, attitude(3.0, -4.0), heading(1.0))
     assert [math.degrees(sample.roll_rad), math.degrees(sample.pitch_rad)] == pytest.approx([3.0, -4.0], abs=0.01)
     assert deliver(compass, heading(1.0), now_s=3.5)[0].roll_rad is not None
-    assert deliver(compass, heading(1.0), now_s=3.6)[0].roll_rad is None
-    assert deliver(compass, attitude(3.0, 91.0), heading(1.0), now_s=3.7)[0].pitch_rad is None
+    assert deliver(compass, heading(1.0), now_s=3.51)[0].roll_rad is None
+    assert deliver(compass, attitude(3.0, 90.1), heading(1.0), now_s=3.7)[0].pitch_rad is None
     assert deliver(compass, attitude(3.0, 89.9), heading(1.0), now_s=3.7)[0].pitch_rad is not None
 
 
@@ -154,7 +154,7 @@ def test_frequent_true_headings_suppress_magnetic_ones(deliver, compass):
     counts = [len(deliver(compass, *messages, now_s=float(second))) for second in range(4)]
     assert counts == [2, 2, 1, 1]
     assert deliver(compass, heading(8.0), now_s=5.0) == ()
-    assert len(deliver(compass, heading(8.0), now_s=5.1)) == 1
+    assert len(deliver(compass, heading(8.0), now_s=5.01)) == 1
 
 
 def test_true_headings_every_two_seconds_suppress_magnetic_ones(deliver, compass):

@@ -114,16 +114,16 @@ def test_silence_and_a_second_device(deliver, make, section, message):
     first, second = messages[message]
     deliver(sensor, first, now_s=0.0)
     assert sensor.health(5.0).state is DeviceState.RUNNING
-    assert sensor.health(5.1).state is DeviceState.SILENT
+    assert sensor.health(5.01).state is DeviceState.SILENT
     assert deliver(sensor, second, now_s=5.0) == ()
-    assert len(deliver(sensor, second, now_s=5.1)) == 1
+    assert len(deliver(sensor, second, now_s=5.01)) == 1
 
 
 def test_one_of_several_rudders(deliver, make):
     sensor = make("rudder")
     assert angles_deg(deliver(sensor, rudder(1.0, 3), rudder(2.0, 0), rudder(3.0, 3))) == [1.0, 3.0]
     assert deliver(sensor, rudder(5.0, 0, source=0x31), now_s=4.0) == ()
-    assert angles_deg(deliver(sensor, rudder(5.0, 0, source=0x31), now_s=4.1)) == [5.0]
+    assert angles_deg(deliver(sensor, rudder(5.0, 0, source=0x31), now_s=4.01)) == [5.0]
     sensor = make("rudder", instance=0)
     assert angles_deg(deliver(sensor, rudder(1.0, 3), rudder(2.0, 0))) == [2.0]
 
@@ -131,9 +131,10 @@ def test_one_of_several_rudders(deliver, make):
 def test_calibration_of_the_rudder_sensor(deliver, make):
     sensor = make("rudder", offset_deg=5.0, scale=-2.0)
     assert angles_deg(deliver(sensor, rudder(15.0))) == [-20.0]
-    assert deliver(sensor, rudder(51.0)) == ()
-    assert sensor.health(1.0).text.startswith("rudder_deg after offset and scale -91.99")
-    assert angles_deg(deliver(sensor, rudder(-39.9))) == [89.8]
+    for angle_deg in (50.1, -40.1):
+        assert deliver(sensor, rudder(angle_deg)) == ()
+        assert sensor.health(1.0).text.startswith("rudder_deg after offset and scale")
+    assert angles_deg(deliver(sensor, rudder(-39.9), rudder(49.9))) == [89.8, -89.8]
     with pytest.raises(ValueError, match="0 is not a scale"):
         make("rudder", scale=0.0)
 
@@ -207,7 +208,7 @@ def test_sounder_with_a_bottom_replaces_one_without(deliver, make):
     deliver(sensor, depth(None))
     assert [sample.depth_m for sample in deliver(sensor, depth(9.0, source=0x51), depth(None), now_s=1.0)] == [9.0]
     assert deliver(sensor, depth(None, source=0x51), depth(3.0), now_s=6.0) == ()
-    assert len(deliver(sensor, depth(None, source=0x51), depth(3.0), now_s=6.1)) == 1
+    assert len(deliver(sensor, depth(None, source=0x51), depth(3.0), now_s=6.01)) == 1
 
 
 def test_impossible_depth_is_rejected(deliver, make):

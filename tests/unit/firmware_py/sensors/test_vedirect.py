@@ -36,8 +36,16 @@ def device(line):
         (block(V="12341", I="0", SOC="---"), PowerSample(2.5, 0, 12.341, 0.0)),
         # A charger that is supplied by another battery.
         (block(V="13790", I="5100", DC_IN_V="26400", DC_IN_P="72", ERR="0"), PowerSample(2.5, 0, 13.79, 5.1)),
+        (
+            block(V="0", I="-5000000", SOC="0", PPV="0", IL="0", T="-60", ERR="255"),
+            PowerSample(2.5, 0, 0.0, -5000.0, 0.0, 0.0, 0.0, -60.0),
+        ),
+        (
+            block(V="1000000", I="5000000", SOC="1000", PPV="100000", IL="1000000", T="150", AR="65535"),
+            PowerSample(2.5, 0, 1000.0, 5000.0, 1.0, 100_000.0, 1000.0, 150.0),
+        ),
     ],
-    ids=["charger", "monitor", "unknown charge", "other labels"],
+    ids=["charger", "monitor", "unknown charge", "other labels", "lower limits", "upper limits"],
 )
 def test_sample_of_a_block(deliver, device, data, sample):
     (measured,) = deliver(device, data, now_s=2.5)
@@ -79,9 +87,16 @@ def test_checksum_can_be_a_control_character_or_colon(deliver, device, checksum)
         (MONITOR[:-1] + b"!", "checksum"),
         (block(V="x"), "V 'x' is not a number"),
         (block(V="1_0"), "V '1_0' is not a number"),
-        (block(V="-1"), "V -0.001 out of range"),
-        (block(SOC="1001"), "SOC 1.001 out of range"),
-        (block(I="99999999"), "I 99999.999 out of range"),
+        *(
+            (block(**{label: value}), f"{label} {text} out of range")
+            for label, value, text in [
+                ("V", "-1", "-0.001"), ("V", "1000001", "1000.001"), ("I", "-5000001", "-5000.001"),
+                ("I", "5000001", "5000.001"), ("SOC", "-1", "-0.001"), ("SOC", "1001", "1.001"), ("PPV", "-1", "-1"),
+                ("PPV", "100001", "100001"), ("IL", "-1", "-0.001"), ("IL", "1000001", "1000.001"), ("T", "-61", "-61"),
+                ("T", "151", "151"), ("ERR", "-1", "-1"), ("ERR", "256", "256"), ("AR", "-1", "-1"),
+                ("AR", "65536", "65536"),
+            ]  # fmt: skip
+        ),
         (block(**{"V\x7f": "1"}), "malformed"),
     ],
 )
@@ -107,7 +122,7 @@ def test_alarm_of_the_monitor_is_reported(deliver, device):
 def test_device_without_data_is_silent_after_five_seconds(deliver, device):
     deliver(device, MONITOR)
     assert device.health(6.0).state is DeviceState.RUNNING
-    assert device.health(6.1).state is DeviceState.SILENT
+    assert device.health(6.01).state is DeviceState.SILENT
 
 
 @given(st.lists(st.sampled_from([CHARGER, MONITOR, HISTORY, b"noise\r\n", MONITOR[:30]]), max_size=6), st.data())
