@@ -1,5 +1,6 @@
 """Registry of drivers: creation, calibrators, capture formats."""
 
+import re
 import subprocess
 import sys
 
@@ -17,6 +18,63 @@ ROLES = {
     "wind": DeviceRole.WIND,
     "depth": DeviceRole.DEPTH,
 }
+# Section, driver, option, default, and the limits of a number.
+OPTIONS = """
+compass nmea require_checksum True
+compass pni_tcm rate_hz 10.0 0.5 100
+compass mti rate_hz 10 1 100
+compass rion identifier auto
+compass rion address 0 0 239
+compass rion rate_hz 10.0 0.5 20
+compass rion mounting none
+compass witmotion algorithm read
+compass witmotion rate_hz 0 0 200
+compass witmotion save_rate False
+compass bno08x_rvc rate_hz 10.0 1 100
+compass bno08x_rvc clockwise True
+compass mavlink system 0 0 255
+compass mavlink component 1 1 255
+compass mavlink rate_hz 10 1 50
+compass mavlink reference true
+compass mavlink require_status True
+compass nmea2000 source -1 -1 251
+compass nmea2000 gateway auto
+position nmea require_checksum True
+position mavlink rate_hz 1 1 10
+position mavlink solution receiver
+rudder dynamixel id 1 0 252
+rudder volz id 1 1 30
+rudder feetech id 1 0 253
+rudder maestro centre_us 1500.0 400 2600
+rudder maestro us_per_rad 636.6 50 5000
+rudder maestro minus_us None 400 2600
+rudder maestro plus_us None 400 2600
+rudder maestro end_deg 45.0 5 120
+rudder maestro reversed False
+rudder maestro min_us 1000.0 400 2600
+rudder maestro max_us 2000.0 400 2600
+rudder maestro channel 0 0 23
+rudder maestro device 12 0 127
+rudder maestro crc False
+rudder maestro speed 0 0 16383
+rudder maestro acceleration 0 0 255
+rudder_angle nmea offset_deg 0.0 -90 90
+rudder_angle nmea scale 1.0 -10 10
+rudder_angle nmea require_checksum True
+rudder_angle nmea2000 instance -1 -1 252
+rudder_angle nmea2000 offset_deg 0.0 -90 90
+rudder_angle nmea2000 scale 1.0 -10 10
+power mavlink battery 0 0 255
+ais nmea own_mmsi 0 0 1e+09
+ais nmea2000 own_mmsi 0 0 1e+09
+wind nmea offset_deg 0.0 -180 180
+wind nmea require_checksum True
+wind nmea2000 offset_deg 0.0 -180 180
+depth nmea transducer_depth_m 0.0 0 100
+depth nmea keel_depth_m 0.0 0 100
+depth nmea require_checksum True
+depth nmea2000 transducer_depth_m 0.0 0 100
+"""
 
 
 def closed_line():
@@ -33,6 +91,18 @@ def test_drivers_are_created_with_their_defaults_and_wait_for_the_port(section, 
     health = device.health(0.0)
     assert (health.role, health.state) == (ROLES[section], DeviceState.ABSENT)
     assert list(device.poll()) == []
+
+
+@pytest.mark.parametrize("row", OPTIONS.strip().splitlines())
+def test_defaults_and_limits_of_the_options(row):
+    section, name, option, default, *limits = row.split()
+    record = SECTIONS[section][name].options
+    present = getattr(record(), option)
+    assert str(present) == default
+    allowed = rf"{option}: .* is out of range; allowed: {re.escape(' to '.join(limits))}$"
+    for value in [float(limits[0]) - 1, float(limits[1]) + 1] if limits else []:
+        with pytest.raises(ValueError, match=allowed):
+            record(**{option: int(value) if isinstance(present, int) else value})
 
 
 def test_compasses_that_are_sent_commands_need_a_serial_port():

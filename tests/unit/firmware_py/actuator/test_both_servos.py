@@ -100,19 +100,3 @@ def test_echo_and_noise_are_skipped(rig, line, servo, kind, counts):
     assert len(feedback) >= 7
     assert servo.position == counts(8.0)
     assert rig.health().state is DeviceState.RUNNING
-
-
-@pytest.mark.parametrize(
-    ("options", "device_id", "allowed"),
-    [
-        (DynamixelOptions, 253, "0 to 252"),
-        (DynamixelOptions, -1, "0 to 252"),
-        (VolzOptions, 0, "1 to 30"),
-        (VolzOptions, 31, "1 to 30"),
-        (FeetechOptions, 254, "0 to 253"),
-        (FeetechOptions, -1, "0 to 253"),
-    ],
-)
-def test_invalid_id_is_rejected(options, device_id, allowed):
-    with pytest.raises(ValueError, match=rf"id: .* allowed: {allowed}"):
-        options(id=device_id)

@@ -287,20 +287,6 @@ def test_limited_pulse_is_reported(rig):
 
 
 @pytest.mark.parametrize(
-    ("values", "text"),
-    [
-        ({"channel": 24}, "channel: 24 is out of range; allowed: 0 to 23"),
-        ({"device": 128}, "device: 128 is out of range; allowed: 0 to 127"),
-        ({"speed": 16384}, "speed: 16384 is out of range; allowed: 0 to 16383"),
-        ({"acceleration": 256}, "acceleration: 256 is out of range; allowed: 0 to 255"),
-    ],
-)
-def test_options_out_of_range_are_refused(values, text):
-    with pytest.raises(ValueError, match=text):
-        MaestroOptions(**values)
-
-
-@pytest.mark.parametrize(
     ("number", "is_accepted"), [(0, True), (255, False), (256, True), (13120, True), (13121, False), (65535, False)]
 )
 def test_position_that_no_channel_can_have_is_rejected(rig, maestro, number, is_accepted):

@@ -90,11 +90,14 @@ def nav_pvt(
     accuracy_mm=1132,
     speed=500,
     course=9000000,
+    altitude_mm=28895,
     date=(2017, 7, 19),
+    time=(8, 50, 1),
+    nanosecond=250_000_000,
     flags3=0,
 ):
-    payload = struct.pack("<IHBBBBBBIi", 0, *date, 8, 50, 1, valid, 0, 250_000_000)
-    payload += struct.pack("<BBBBiiiiII", fix_type, flags, 0, 14, lon, lat, 25424, 28895, accuracy_mm, 1602)
+    payload = struct.pack("<IHBBBBBBIi", 0, *date, *time, valid, 0, nanosecond)
+    payload += struct.pack("<BBBBiiiiII", fix_type, flags, 0, 14, lon, lat, 25424, altitude_mm, accuracy_mm, 1602)
     payload += struct.pack("<iiiiiIIHH", 0, 0, 0, speed, course, 0, 0, 145, flags3)
     return ubx_packet(0x0107, payload.ljust(92, b"\0"))
 

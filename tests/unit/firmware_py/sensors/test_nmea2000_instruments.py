@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from firmware_py.common.options import record_from
 from firmware_py.common.records import DeviceRole, DeviceState, WindReference
 from firmware_py.sensors.nmea2000_depth import Nmea2000Depth, Nmea2000DepthOptions
 from firmware_py.sensors.nmea2000_rudder import Nmea2000Rudder, Nmea2000RudderOptions
@@ -91,13 +90,6 @@ def test_text_ends_with_the_next_valid_message(deliver, make, section, invalid, 
     assert sensor.health(1.0).text
     deliver(sensor, valid)
     assert sensor.health(1.0).text == ""
-
-
-def test_instances_of_the_vehicle_file():
-    assert record_from(Nmea2000RudderOptions, {"instance": 252}).instance == 252
-    for instance in (-2, 253):
-        with pytest.raises(ValueError, match="instance"):
-            record_from(Nmea2000RudderOptions, {"instance": instance})
 
 
 @pytest.mark.parametrize("section", ["rudder", "wind", "depth"])

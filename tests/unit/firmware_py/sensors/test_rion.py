@@ -363,15 +363,11 @@ def test_vertical_boat_has_no_heading(line, exchange):
     ("values", "problem"),
     [
         ({"identifier": "69"}, "identifier: '69' is not known"),
-        ({"address": 240}, "address: 240 is out of range; allowed: 0 to 239"),
-        ({"address": -1}, "address: -1 is out of range"),
-        ({"rate_hz": 20.5}, "rate_hz: 20.5 is out of range; allowed: 0.5 to 20"),
-        ({"rate_hz": 0.4}, "rate_hz: 0.4 is out of range"),
         ({"mounting": "yaw_30"}, "mounting: 'yaw_30' is not known; use one of none, yaw_45"),
     ],
 )
 def test_invalid_options_are_named(values, problem):
-    with pytest.raises(ValueError, match=problem.replace(".", r"\.")):
+    with pytest.raises(ValueError, match=problem):
         RionOptions(**values)
 
 

@@ -57,7 +57,8 @@ def test_fix_type_and_flags_determine_the_fix(deliver, solution, fix_type, flags
 
 @pytest.mark.parametrize(
     "values",
-    [{"lat": 900000001}, {"lon": -1800000001}, {"speed": -1}, {"speed": 10**6}, {"course": 36000001}, {"course": -1}],
+    [{"lat": 900000001}, {"lat": -900000001}, {"lon": 1800000001}, {"lon": -1800000001}, {"altitude_mm": -1_000_001},
+     {"altitude_mm": 100_000_001}, {"speed": -1}, {"speed": 200_001}, {"course": 36000001}, {"course": -1}],
 )  # fmt: skip
 def test_values_out_of_range_are_rejected(deliver, solution, values, receiver):
     assert deliver(receiver, solution(**values)) == ()
@@ -69,10 +70,13 @@ def test_values_out_of_range_are_rejected(deliver, solution, values, receiver):
     [
         ({"lat": 0, "lon": 0}, "position invalid: no fix"),
         ({"lat": 900000000, "lon": 0}, "position invalid: no fix"),
+        ({"lat": -900000000, "lon": 0}, "position invalid: no fix"),
         ({"flags3": 1}, "no fix"),  # marked as invalid by the receiver
         ({"flags3": 0xE01E}, ""),
         ({"accuracy_mm": 50_000}, ""),
-        ({"accuracy_mm": 83_400}, "no fix: accuracy 83 m"),
+        ({"accuracy_mm": 50_001}, "no fix: accuracy 50 m"),
+        ({"lat": 0}, ""),
+        ({"lon": 0}, ""),
     ],
 )
 def test_impossible_invalid_or_inaccurate_position_is_no_fix(deliver, solution, values, text, receiver):
@@ -84,13 +88,34 @@ def test_impossible_invalid_or_inaccurate_position_is_no_fix(deliver, solution, 
 @pytest.mark.parametrize(
     "values",
     [
-        *({"date": date} for date in ((2017, 2, 30), (1979, 1, 6), (2017, 0, 1))),
+        *({"date": date} for date in ((2017, 2, 30), (1979, 12, 31), (2100, 1, 1), (2017, 0, 1))),
+        *({"time": time} for time in ((24, 0, 0), (0, 60, 0), (0, 0, 61))),
+        *({"nanosecond": nanosecond} for nanosecond in (-1_000_000_001, 1_000_000_001)),
         *({"valid": valid} for valid in (0, 1, 2, 3)),  # 3: the leap seconds are unknown
     ],
 )
 def test_invalid_time_is_removed_and_the_position_kept(deliver, receiver, solution, values):
     (sample,) = deliver(receiver, solution(**values))
     assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_3D, None, False)
+
+
+@pytest.mark.parametrize(
+    ("date", "time", "nanosecond", "utc_s"),
+    [((1980, 1, 1), (0, 0, 0), 10**9, 315_532_801.0), ((2099, 12, 31), (23, 59, 60), -(10**9), 4_102_444_799.0)],
+)
+def test_limits_of_the_time_are_accepted(deliver, receiver, solution, date, time, nanosecond, utc_s):
+    (sample,) = deliver(receiver, solution(date=date, time=time, nanosecond=nanosecond))
+    assert sample.utc_s == utc_s
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"lon": -1800000000}, {"lon": 1800000000}, {"altitude_mm": 100_000_000}, {"altitude_mm": -1_000_000}, {"speed": 0, "course": 0},
+     {"speed": 200_000, "course": 35999999}],
+)  # fmt: skip
+def test_limits_of_the_values_are_accepted(deliver, receiver, solution, values):
+    (sample,) = deliver(receiver, solution(**values))
+    assert sample.fix is FixType.FIX_3D
 
 
 @pytest.mark.parametrize("kind", ["NMEA", "NAV-STATUS"])

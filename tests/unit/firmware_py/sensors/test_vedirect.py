@@ -21,6 +21,13 @@ def block(**fields):
 CHARGER = block(PID="0xA053", V="13790", I="-10", VPV="15950", PPV="37", CS="3", ERR="0", LOAD="ON", IL="320")
 MONITOR = block(PID="0xA389", V="12341", T="---", I="-1520", P="-19", SOC="876", Alarm="OFF", AR="0", BMV="SmartShunt")
 HISTORY = block(H1="-188890", H17="1563", H18="2095")
+# Label, value, and the value in SI units.
+OUT_OF_RANGE = [
+    ("V", "-1", "-0.001"), ("V", "1000001", "1000.001"), ("I", "-5000001", "-5000.001"), ("I", "5000001", "5000.001"),
+    ("SOC", "-1", "-0.001"), ("SOC", "1001", "1.001"), ("PPV", "-1", "-1"), ("PPV", "100001", "100001"),
+    ("IL", "-1", "-0.001"), ("IL", "1000001", "1000.001"), ("T", "-61", "-61"), ("T", "151", "151"),
+    ("ERR", "-1", "-1"), ("ERR", "256", "256"), ("AR", "-1", "-1"), ("AR", "65536", "65536"),
+]  # fmt: skip
 
 
 @pytest.fixture
@@ -87,16 +94,7 @@ def test_checksum_can_be_a_control_character_or_colon(deliver, device, checksum)
         (MONITOR[:-1] + b"!", "checksum"),
         (block(V="x"), "V 'x' is not a number"),
         (block(V="1_0"), "V '1_0' is not a number"),
-        *(
-            (block(**{label: value}), f"{label} {text} out of range")
-            for label, value, text in [
-                ("V", "-1", "-0.001"), ("V", "1000001", "1000.001"), ("I", "-5000001", "-5000.001"),
-                ("I", "5000001", "5000.001"), ("SOC", "-1", "-0.001"), ("SOC", "1001", "1.001"), ("PPV", "-1", "-1"),
-                ("PPV", "100001", "100001"), ("IL", "-1", "-0.001"), ("IL", "1000001", "1000.001"), ("T", "-61", "-61"),
-                ("T", "151", "151"), ("ERR", "-1", "-1"), ("ERR", "256", "256"), ("AR", "-1", "-1"),
-                ("AR", "65536", "65536"),
-            ]  # fmt: skip
-        ),
+        *((block(**{label: value}), f"{label} {text} out of range") for label, value, text in OUT_OF_RANGE),
         (block(**{"V\x7f": "1"}), "malformed"),
     ],
 )
