@@ -292,6 +292,25 @@ class Rig:
         return self.rudder.health(self.now_s)
 
 
+class Conversation:
+    """Runs the protocol part of a driver with a servo that replies at once, at given times."""
+
+    def __init__(self, servo, fake):
+        self.servo = servo
+        self.fake = fake
+
+    def run(self, now_s, *, torque_on=True):
+        """Give a command and exchange frames until nothing is due; return the requests."""
+        self.servo.command(0.1, now_s, torque_on=torque_on)
+        requests = []
+        while (request := self.servo.next_request(now_s)) is not None:
+            self.servo.note_sent(request, now_s)
+            for reply in self.servo.parser.feed(self.fake.handle(request.frame)):
+                self.servo.process_reply(request, reply, now_s, is_certain=True)
+            requests.append(request)
+        return requests
+
+
 @pytest.fixture(scope="session")
 def fakes():
     """Classes and functions of this module, which tests cannot import."""
@@ -302,6 +321,7 @@ def fakes():
         volz=FakeVolz,
         feetech=FakeFeetech,
         rig=Rig,
+        conversation=Conversation,
         status_frame=status_frame,
         volz_frame=volz_frame,
         feetech_frame=feetech_frame,

@@ -100,3 +100,53 @@ def test_echo_and_noise_are_skipped(rig, line, servo, kind, counts):
     assert len(feedback) >= 7
     assert servo.position == counts(8.0)
     assert rig.health().state is DeviceState.RUNNING
+
+
+def is_goal(kind, frame):
+    """Whether a request sets the position."""
+    return frame[7] == 0x83 if kind == "dynamixel" else frame[4] == 3
+
+
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"], indirect=True)
+def test_every_second_request_to_a_silent_servo_is_the_goal(rig, servo, line, kind, counts):
+    """A servo whose replies are lost may still receive."""
+    rig.ticks(5)
+    line.lose_replies = 1000
+    rig.ticks(10, shaft_deg=12.0)
+    assert rig.health().state is DeviceState.SILENT
+    rig.ticks(4, shaft_deg=15.0)
+    assert servo.position == counts(15.0)
+    line.written.clear()
+    rig.ticks(10, shaft_deg=15.0)
+    goals = [is_goal(kind, frame) for frame in line.written]
+    assert goals[:8] in ([True, False] * 4, [False, True] * 4)
+
+
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"], indirect=True)
+@pytest.mark.parametrize("is_reopened", [False, True])
+def test_no_goal_is_sent_before_the_first_reply(rig, servo, line, kind, is_reopened):
+    if is_reopened:
+        rig.ticks(5)
+        line.unplug()
+        line.plug()
+        line.written.clear()
+    servo.powered = False
+    rig.ticks(1, shaft_deg=10.0)
+    assert rig.health().state is DeviceState.STARTING
+    rig.ticks(10, shaft_deg=10.0)
+    assert len(line.written) > 4
+    assert not any(is_goal(kind, frame) for frame in line.written)
+    assert rig.health().state is DeviceState.STARTING
+
+
+# Bytes of the longest exchange, with the time that the servo takes.
+EXCHANGE_BYTES = {"dynamixel": 146, "volz": 23, "feetech": 111}
+
+
+def test_request_is_given_up_after_the_longest_exchange(fakes, driver, kind):
+    line = fakes.line(baud=1_000_000)
+    rudder = driver(line)
+    timeout_s = 0.016 + EXCHANGE_BYTES[kind] * 10 / 1_000_000  # 0.016 s: of a USB adapter
+    for now_s, count in ((0.0, 1), (timeout_s - 1e-6, 1), (timeout_s + 1e-6, 2)):
+        rudder.command(RudderCommand(0.1, True), now_s)
+        assert len(line.written) == count

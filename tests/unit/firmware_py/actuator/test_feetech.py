@@ -276,37 +276,6 @@ def test_power_loss_while_released_is_counted_and_the_mode_is_corrected_before_i
     assert servo.position == counts(10.0)
 
 
-def test_goals_are_sent_to_a_silent_servo(running, servo, line):
-    line.lose_replies = 1000
-    running.ticks(10, shaft_deg=12.0)
-    assert running.health().state is DeviceState.SILENT
-    running.ticks(4, shaft_deg=15.0)
-    assert servo.position == counts(15.0)
-    line.written.clear()
-    running.ticks(10, shaft_deg=15.0)
-    codes = [frame[4] for frame in line.written]
-    assert codes.count(3) >= 4
-    assert codes.count(2) >= 4
-
-
-def test_no_goal_is_sent_to_a_servo_that_has_not_steered(rig, servo, line):
-    servo.powered = False
-    rig.ticks(1, shaft_deg=10.0)
-    assert rig.health().state is DeviceState.STARTING
-    rig.ticks(10, shaft_deg=10.0)
-    assert {frame[4] for frame in line.written} == {2}
-    assert rig.health().state is DeviceState.STARTING
-
-
-def test_no_goal_is_sent_on_a_reopened_line_before_a_reply(running, servo, line):
-    line.unplug()
-    line.plug()
-    servo.powered = False
-    line.written.clear()
-    running.ticks(10, shaft_deg=10.0)
-    assert {frame[4] for frame in line.written} == {2}
-
-
 def test_error_with_torque_is_reported_and_the_servo_follows(running, servo):
     servo.status = 1
     feedback = running.ticks(3, shaft_deg=10.0)
@@ -464,15 +433,6 @@ def test_lost_byte_that_equals_the_next_header_gives_no_angle(running, servo, li
     assert {round(sample.shaft_rad / COUNT_RAD) for sample in feedback} == {-1}
 
 
-def test_request_is_given_up_after_the_longest_exchange(line, servo):
-    servo.powered = False
-    rudder = feetech_rudder(line, FeetechOptions())
-    timeout_s = 0.016 + 111 * 10 / 1_000_000  # of a USB adapter, and of 8 + 52 bytes and 0.51 ms
-    for now_s, count in ((0.0, 1), (timeout_s - 1e-6, 1), (timeout_s + 1e-6, 2)):
-        rudder.receive(now_s)
-        assert len(line.written) == count
-
-
 def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fakes):
     line = fakes.line()
     rudder = feetech_rudder(line, FeetechOptions())
@@ -507,27 +467,21 @@ def test_lost_acknowledgement_and_lost_settings_do_not_change_the_length_of_the_
     assert set(servo.reads) == {0, 40}
 
 
-class Conversation:
-    """Runs the protocol part of the driver with a servo that replies at once, at given times."""
-
-    def __init__(self, fake):
-        self.fake = fake
-        self.servo = FeetechServo(FeetechOptions())
-
-    def run(self, now_s, *, torque_on=True):
-        """Give a command and exchange frames until nothing is due; return the addresses of the writes."""
-        self.servo.command(0.1, now_s, torque_on=torque_on)
-        first = len(self.fake.writes)
-        while (request := self.servo.next_request(now_s)) is not None:
-            self.servo.note_sent(request, now_s)
-            for reply in self.servo.parser.feed(self.fake.handle(request.frame)):
-                self.servo.process_reply(request, reply, now_s, is_certain=True)
-        return [address for address, _, _ in self.fake.writes[first:]]
+@pytest.fixture
+def conversation(fakes, servo):
+    return fakes.conversation(FeetechServo(FeetechOptions()), servo)
 
 
 @pytest.fixture
-def conversation(servo):
-    return Conversation(servo)
+def writes(conversation, servo):
+    """Function that runs the conversation at a time and returns the addresses of the writes."""
+
+    def writes(now_s):
+        first = len(servo.writes)
+        conversation.run(now_s)
+        return [address for address, _, _ in servo.writes[first:]]
+
+    return writes
 
 
 def test_each_lost_state_makes_the_next_read_longer_up_to_the_longest(conversation):
@@ -543,47 +497,47 @@ def test_each_lost_state_makes_the_next_read_longer_up_to_the_longest(conversati
     assert blocks == [40, 37, 34, 28, 25, 40]
 
 
-def test_failed_correction_is_repeated_every_two_seconds(conversation, servo):
+def test_failed_correction_is_repeated_every_two_seconds(writes, servo):
     servo.ignored_addresses.add(40)
-    assert conversation.run(1.0) == [41, 40, 40, 40]
-    assert conversation.run(2.99) == []
-    assert conversation.run(3.0) == [40]
-    assert conversation.run(4.99) == []
-    assert conversation.run(5.0) == [40]
+    assert writes(1.0) == [41, 40, 40, 40]
+    assert writes(2.99) == []
+    assert writes(3.0) == [40]
+    assert writes(4.99) == []
+    assert writes(5.0) == [40]
 
 
-def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(conversation, servo):
-    conversation.run(1.0)
+def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(writes, servo):
+    writes(1.0)
     servo.cut_torque(32)
     servo.ignored_addresses.add(40)
-    assert conversation.run(2.0) == [42]  # before the error is read
-    assert conversation.run(4.99) == []
-    assert conversation.run(5.0) == [40]
-    assert conversation.run(34.99) == []
-    assert conversation.run(35.0) == [40]
+    assert writes(2.0) == [42]  # before the error is read
+    assert writes(4.99) == []
+    assert writes(5.0) == [40]
+    assert writes(34.99) == []
+    assert writes(35.0) == [40]
 
 
-def test_next_error_waits_for_the_end_of_the_30_s(conversation, servo):
-    conversation.run(1.0)
+def test_next_error_waits_for_the_end_of_the_30_s(writes, servo):
+    writes(1.0)
     servo.cut_torque(32)
-    conversation.run(2.0)
-    assert conversation.run(5.0) == [40]
+    writes(2.0)
+    assert writes(5.0) == [40]
     servo.status = 0
-    conversation.run(6.0)
+    writes(6.0)
     servo.cut_torque(32)
-    conversation.run(7.0)
-    assert conversation.run(34.99) == []
-    assert conversation.run(35.0) == [40]
+    writes(7.0)
+    assert writes(34.99) == []
+    assert writes(35.0) == [40]
     servo.status = 0
-    conversation.run(36.0)
-    assert conversation.run(65.0) == [42]  # 30 s are over
+    writes(36.0)
+    assert writes(65.0) == [42]  # 30 s are over
     servo.cut_torque(32)
-    conversation.run(65.5)
-    assert conversation.run(68.49) == []
-    assert conversation.run(68.5) == [40]
+    writes(65.5)
+    assert writes(68.49) == []
+    assert writes(68.5) == [40]
 
 
-def test_state_from_before_a_correction_is_read_again(conversation, servo):
+def test_state_from_before_a_correction_is_read_again(writes, conversation, servo):
     """Its reply is late; the servo was not locked at that time."""
     servo.registers[55] = 0
     conversation.servo.command(0.1, 1.0, torque_on=True)
@@ -599,7 +553,7 @@ def test_state_from_before_a_correction_is_read_again(conversation, servo):
     servo.handle(correction.frame)
     conversation.servo.process_reply(requests[-1], late_reply, 1.1, is_certain=True)
     assert conversation.servo.next_request(1.2).block is not None
-    assert conversation.run(1.3) == [55, 40]
+    assert writes(1.3) == [55, 40]
 
 
 def test_driver_needs_a_serial_port():

@@ -110,8 +110,8 @@ def test_limits_of_the_time_are_accepted(deliver, receiver, solution, date, time
 
 @pytest.mark.parametrize(
     "values",
-    [{"lon": -1800000000}, {"lon": 1800000000}, {"altitude_mm": 100_000_000}, {"altitude_mm": -1_000_000}, {"speed": 0, "course": 0},
-     {"speed": 200_000, "course": 35999999}],
+    [{"lon": -1800000000}, {"lon": 1800000000}, {"altitude_mm": 100_000_000}, {"altitude_mm": -1_000_000},
+     {"speed": 0, "course": 0}, {"speed": 200_000, "course": 35999999}],
 )  # fmt: skip
 def test_limits_of_the_values_are_accepted(deliver, receiver, solution, values):
     (sample,) = deliver(receiver, solution(**values))
