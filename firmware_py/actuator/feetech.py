@@ -107,8 +107,7 @@ class FeetechServo:
 
     def note_silence(self) -> None:
         """Read the servo again."""
-        if self._settings is not None or self._state is not None:
-            self._forget()
+        self._forget()
 
     def command(self, shaft_rad: float | None, now_s: float, *, torque_on: bool) -> None:
         """Store the goal and the torque command."""

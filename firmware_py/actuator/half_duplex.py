@@ -157,7 +157,7 @@ class ReadingWindow:
 
     def note_command(self, now_s: float) -> None:
         """Note a new command."""
-        self._period_s = min(max(now_s - self._command_s, 0.0), MAX_PERIOD_S)
+        self._period_s = min(now_s - self._command_s, MAX_PERIOD_S)
         self._command_s = now_s
 
     def is_early(self, now_s: float) -> bool:

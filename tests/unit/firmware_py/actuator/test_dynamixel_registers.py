@@ -42,9 +42,11 @@ def test_counts_of_a_goal(angle_deg, counts):
 
 
 @pytest.mark.parametrize(
-    ("maximum", "minimum", "counts"), [(100, 200, 2150), (0xFFFFFFFF, 0, 4095)], ids=["contradictory", "beyond a turn"]
+    ("maximum", "minimum", "counts"),
+    [(100, 200, 2150), (0xFFFFFFFF, 0, 4095), (200, 200, 200)],
+    ids=["contradictory", "beyond a turn", "one position"],
 )
-def test_invalid_limits_are_ignored(maximum, minimum, counts):
+def test_only_possible_limits_are_used(maximum, minimum, counts):
     image = {table.LIMITS: maximum.to_bytes(4, "little") + minimum.to_bytes(4, "little")}
     assert table.goal_counts(9.0 if counts == 4095 else 102 * COUNT_RAD, image) == counts
 

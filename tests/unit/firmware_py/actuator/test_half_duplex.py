@@ -25,6 +25,8 @@ def test_request_expires_once(bus):
     assert bus.pending_request is None
     for now_s in range(2, 100):
         assert bus.give_up_expired(float(now_s)) is None
+    assert bus.send(b"?", "other", 0.0)
+    assert bus.give_up_expired(0.02) == "other"
 
 
 def test_blocked_line_leaves_no_pending_request(bus, line):
@@ -108,11 +110,12 @@ def test_reply_with_several_matching_requests_is_assigned_to_the_oldest_as_uncer
     assert bus.pending_request == "b1"
 
 
-def test_reply_after_the_maximum_delay_is_none(bus):
-    send_without_replies(bus, "a1", "b1", "c1", "d1", "e1")
-    assert bus.match_reply(starts_with("a")) is None
-    assert bus.match_reply(starts_with("b")) is None
-    assert bus.match_reply(starts_with("c")) == ("c1", 2.0, True, None)
+@pytest.mark.parametrize(("later_s", "is_matched"), [(2.0, True), (2.01, False)])
+def test_reply_is_matched_for_two_seconds(bus, later_s, is_matched):
+    send_without_replies(bus, "a1", "b1")
+    bus.give_up_expired(later_s)
+    assert (bus.match_reply(starts_with("a")) is not None) is is_matched
+    assert bus.match_reply(starts_with("b")) == ("b1", 1.0, True, None)
 
 
 def test_reopening_discards_all_requests(bus, line):
@@ -129,16 +132,18 @@ def test_reopening_discards_all_requests(bus, line):
 def test_window_for_readings():
     window = ReadingWindow()
     assert not window.is_early(0.0)  # without a command
-    assert window.is_overdue(0.25)
-    window.note_command(10.0)
-    assert window.is_early(10.4)
-    window.note_command(10.1)
-    assert window.is_early(10.14)
-    assert not window.is_early(10.16)
-    assert not window.is_overdue(0.2)
-    assert window.is_overdue(0.3)
-    window.note_command(11.1)
-    assert not window.is_overdue(2.0)
+    assert (window.is_overdue(0.249), window.is_overdue(0.25)) == (False, True)
+    for command_s, half_period_s, overdue_s in (
+        (10.0, 0.5, 2.5),
+        (10.5, 0.25, 1.25),
+        (10.5625, 0.03125, 0.25),
+        (20.0, 0.5, 2.5),
+    ):
+        window.note_command(command_s)
+        end_s = command_s + half_period_s
+        assert (window.early_s, window.early_end_s) == (half_period_s, end_s)
+        assert (window.is_early(end_s), window.is_early(end_s + 0.001)) == (True, False)
+        assert (window.is_overdue(overdue_s - 0.001), window.is_overdue(overdue_s)) == (False, True)
 
 
 def test_reply_timeout_depends_on_the_baud_rate():

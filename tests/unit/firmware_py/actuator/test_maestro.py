@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_py.actuator.maestro import MaestroOptions, ReplyParser, crc7, maestro_rudder
+from firmware_py.actuator.maestro import MaestroOptions, MaestroServo, ReplyParser, crc7, maestro_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 from hil.devices.hobby_servo import HobbyServo
 from hil.devices.maestro import MaestroEmulator, divide
@@ -193,17 +193,13 @@ def test_maestro_of_another_device_number_is_driven(rig, maestro):
         (1 << 2 | 1 << 4, "serial buffer full"),
     ],
 )
-def test_error_is_reported_for_ten_seconds_and_is_no_restart(rig, maestro, errors, text):
+def test_error_is_reported_and_is_no_restart(rig, maestro, errors, text):
     rig.ticks(5, shaft_deg=10.0)
     maestro.errors, maestro.position = errors, 0  # the servo goes home
     feedback = rig.ticks(12, shaft_deg=10.0)
     assert maestro.position > 0
     assert feedback[-1].restarts == 0
     assert (rig.health().state, rig.health().text) == (DeviceState.RUNNING, text)
-    rig.ticks(80, shaft_deg=10.0)
-    assert rig.health().text == text
-    rig.ticks(30, shaft_deg=10.0)
-    assert rig.health().text == ""
 
 
 def test_lost_and_foreign_bytes_do_not_last(rig, line, maestro):
@@ -322,10 +318,42 @@ def test_maestro_that_answers_requests_of_errors_only_is_silent(rig, maestro):
     rig.ticks(5)
     handle = maestro.handle
     maestro.handle = lambda data: b"" if 0x90 in data else handle(data)
-    rig.ticks(14)
-    assert rig.health().state is DeviceState.RUNNING
-    rig.ticks(3)
+    rig.ticks(17)
     assert rig.health().state is DeviceState.SILENT
+
+
+@pytest.fixture
+def conversation(fakes, maestro):
+    return fakes.conversation(MaestroServo(MaestroOptions()), maestro)
+
+
+def test_errors_are_read_every_second(conversation, maestro):
+    for now_s, count in ((1.0, 1), (1.99, 1), (2.0, 2)):
+        conversation.run(now_s)
+        assert maestro.commands.count(0xA1) == count
+
+
+def test_error_is_reported_for_ten_seconds_and_a_position_is_recent_for_one_and_a_half(conversation, maestro):
+    def state_and_text(now_s):
+        conversation.servo.command(0.1, now_s, torque_on=True)
+        return conversation.servo.condition(has_replied=True)
+
+    maestro.errors = 2
+    conversation.run(1.0)
+    assert state_and_text(2.5) == (DeviceState.RUNNING, "serial overrun")
+    assert state_and_text(2.51) == (DeviceState.SILENT, "no position from the Maestro: wrong baud rate?")
+    conversation.run(10.0)
+    assert state_and_text(11.0) == (DeviceState.RUNNING, "serial overrun")
+    assert state_and_text(11.01) == (DeviceState.RUNNING, "")
+
+
+def test_request_is_given_up_after_the_longest_exchange(fakes):
+    line = fakes.line(baud=1_000_000)
+    rudder = maestro_rudder(line, MaestroOptions())
+    timeout_s = 0.016 + 16 * 10 / 1_000_000  # of a USB adapter, and of 16 bytes
+    for now_s, count in ((0.0, 1), (timeout_s - 1e-6, 1), (timeout_s + 1e-6, 2)):
+        rudder.command(RudderCommand(0.1, True), now_s)
+        assert len(line.written) == count
 
 
 @pytest.mark.parametrize(

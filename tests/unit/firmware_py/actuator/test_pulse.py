@@ -29,6 +29,7 @@ def make(request):
             {"minus_us": 1100.0, "plus_us": 1800.0, "end_deg": 40.0, "reversed": True},
             {20.0: 1300.0, -20.0: 1650.0, -40.0: 1800.0},
         ),
+        ({"minus_us": 1100.0, "plus_us": 1950.0}, {45.0: 1950.0, -45.0: 1100.0}),
         ({"max_us": 1700.0}, {30.0: 1700.0, -30.0: 1166.7}),
         ({"min_us": 1300.0}, {30.0: 1833.3, -30.0: 1300.0}),
     ],
@@ -45,9 +46,10 @@ def test_angle_that_is_not_finite_has_the_pulse_of_the_centre(make):
 
 def test_limited_pulse_is_noticed_on_both_sides(make):
     scale = PulseScale.of(make(us_per_rad=1000.0, min_us=1100.0, max_us=1900.0))
-    assert [scale.is_limited(angle) for angle in (0.4, 0.4005, 0.402, -0.4, -0.4005, -0.402)] == [
-        False, False, True, False, False, True,
-    ]  # fmt: skip
+    angles_rad = (0.4, 0.401, 0.40105, -0.4, -0.4005, -0.40105)  # more than 1 us
+    assert [scale.is_limited(angle) for angle in angles_rad] == [False, False, True] * 2
+    scale = PulseScale.of(make(minus_us=1100.0, plus_us=1800.0, end_deg=40.0, min_us=1200.0, max_us=1700.0))
+    assert [scale.is_limited(deg * DEG) for deg in (26.0, 27.0, -29.0, -31.0)] == [False, True] * 2
 
 
 @pytest.mark.parametrize(

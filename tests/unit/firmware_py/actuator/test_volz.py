@@ -66,15 +66,20 @@ def test_prompt_io_is_needed_after_the_position_and_not_after_the_reading(servo,
     assert not rudder.needs_prompt_io()
 
 
-def test_servo_is_used_again_after_silence(rig, servo):
+@pytest.mark.parametrize("is_reopened", [False, True])
+def test_servo_is_used_again_after_silence_and_on_a_reopened_line(rig, servo, line, is_reopened):
     rig.ticks(5)
-    servo.powered = False
-    assert rig.ticks(8) == []
-    assert rig.health().state is DeviceState.SILENT
-    servo.powered = True
-    feedback = rig.ticks(1, shaft_deg=-30.0)
+    if is_reopened:
+        line.plug()
+    else:
+        servo.powered = False
+        assert rig.ticks(8) == []
+        assert rig.health().state is DeviceState.SILENT
+        servo.powered = True
+    first = rig.ticks(1, shaft_deg=-30.0)[0]
     assert rig.health().state is DeviceState.RUNNING
-    assert feedback[0].voltage_v is None  # the value from before the silence is discarded
+    # Values from before are discarded; one may have been read since.
+    assert [first.voltage_v, first.current_a, first.temperature_c].count(None) >= 2
     rig.ticks(1, shaft_deg=-30.0)
     assert servo.position == 2048 - 576
 

@@ -35,6 +35,8 @@ def test_wrong_checksum_is_counted(fakes):
     parser = frames.ReplyParser(1)
     assert parser.feed(bytes(reply)) == []
     assert parser.rejected == 1
+    assert parser.feed(frames.set_position(1, 0.3)[:-1] + b"\0") == []  # the echo of a request does not count
+    assert parser.rejected == 1
 
 
 def test_values_of_replies():

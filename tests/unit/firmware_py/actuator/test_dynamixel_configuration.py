@@ -1,0 +1,112 @@
+"""Corrections of a Dynamixel, its restarts, and its readings, at exact times."""
+
+import pytest
+
+from firmware_py.actuator import dynamixel_registers as table
+from firmware_py.actuator.dynamixel import DynamixelOptions, DynamixelServo
+from firmware_py.actuator.dynamixel_configuration import Kind, Request, RestartCounter, read_request
+from firmware_py.actuator.dynamixel_readings import Readings
+
+TORQUE, WATCHDOG = "torque enable", "bus watchdog"
+
+
+@pytest.fixture
+def servo(fakes):
+    return fakes.dynamixel()
+
+
+@pytest.fixture
+def conversation(fakes, servo):
+    return fakes.conversation(DynamixelServo(DynamixelOptions(), 0.04), servo)
+
+
+@pytest.fixture
+def corrections(conversation):
+    """Function that runs the conversation at a time and returns the names of the registers that are written."""
+    return lambda now_s: [request.name for request in conversation.run(now_s) if request.kind is Kind.CORRECT]
+
+
+def test_failed_essential_correction_is_repeated_every_second(conversation, corrections, servo):
+    servo.ignored_addresses.add(64)
+    assert corrections(1.0) == ["return delay", WATCHDOG, TORQUE, TORQUE, TORQUE]
+    assert conversation.servo.condition(has_replied=True)[1] == "servo does not store torque enable"
+    assert [corrections(now_s) for now_s in (1.99, 2.0, 2.99, 3.0)] == [[], [TORQUE], [], [TORQUE]]
+
+
+@pytest.mark.parametrize(
+    ("times_s", "expected"), [((30.99, 60.99), [[], [WATCHDOG]]), ((31.0, 61.0), [[WATCHDOG]] * 2)]
+)
+def test_failed_optional_correction_is_repeated_every_thirty_seconds(corrections, servo, times_s, expected):
+    servo.ignored_addresses.add(98)
+    assert corrections(1.0) == ["return delay", WATCHDOG, WATCHDOG, WATCHDOG, TORQUE]
+    assert [corrections(now_s) for now_s in times_s] == expected
+
+
+@pytest.mark.parametrize(("pause_s", "is_read"), [(1.79, False), (1.81, True)])
+def test_watchdog_is_read_before_the_goal_after_nine_tenths_of_its_time(conversation, pause_s, is_read):
+    conversation.run(1.0)
+    names = [request.name for request in conversation.run(1.0 + pause_s)]
+    assert (names[0] == WATCHDOG) is is_read
+    assert "goal position" in names
+
+
+def test_reboots_after_three_seconds_and_then_every_thirty(conversation, servo):
+    def reboots(now_s):
+        return [request.kind for request in conversation.run(now_s)].count(Kind.REBOOT)
+
+    conversation.run(1.0)
+    servo.shut_down(0x20)
+    assert [reboots(now_s) for now_s in (2.0, 4.99, 5.0)] == [0, 0, 1]
+    conversation.run(6.0)
+    servo.shut_down(0x20)
+    assert [reboots(now_s) for now_s in (7.0, 34.99, 35.0)] == [0, 0, 1]
+    conversation.run(65.0)
+    servo.shut_down(0x20)
+    assert [reboots(now_s) for now_s in (70.0, 72.99, 73.0)] == [0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("request_sent", "restarts"),
+    [
+        (Request(Kind.CORRECT, b"", TORQUE), 0),
+        (Request(Kind.REBOOT, b"", "reboot"), 0),
+        (Request(Kind.CORRECT, b"", WATCHDOG), 1),
+        (Request(Kind.READ, b"", TORQUE), 1),
+    ],
+)
+def test_torque_that_the_driver_has_not_switched_off_is_a_restart(request_sent, restarts):
+    counter, reading = RestartCounter(), read_request(1, table.STATE)
+    counter.process_result(reading, b"\1" + bytes(6))
+    counter.note_sent(request_sent)
+    for _ in range(2):
+        counter.process_result(reading, bytes(7))
+    assert counter.count == restarts
+
+
+def combined(device_id=1):
+    return Request(Kind.GOAL, b"", "goal position", block=table.COMBINED)
+
+
+@pytest.mark.parametrize(
+    ("last_s", "combined_s", "is_due"), [(0.375, 0.125, True), (0.374, 0.125, False), (0.375, 0.126, False)]
+)
+def test_combined_read_every_half_second_if_half_a_period_is_long_enough(last_s, combined_s, is_due):
+    readings = Readings(1, combined_s)
+    readings.note_command(0.0)
+    readings.note_sent(combined(), 0.0)
+    readings.note_command(0.125)
+    assert not readings.is_combined_due()
+    readings.note_command(last_s)
+    assert readings.is_combined_due() is is_due
+
+
+@pytest.mark.parametrize(("losses", "is_due"), [(2, True), (3, False)])
+def test_third_lost_combined_read_is_the_last(losses, is_due):
+    readings = Readings(1, 0.04)
+    for _ in range(2):
+        readings.note_combined_lost()
+    readings.split_combined(bytes(83))
+    for _ in range(losses):
+        readings.note_combined_lost()
+    readings.note_command(1.0)
+    assert readings.is_combined_due() is is_due
