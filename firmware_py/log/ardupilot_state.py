@@ -102,7 +102,8 @@ class ArduPilotState:
     def __init__(self) -> None:
         """Initialise with no tick logged."""
         self._previous: Snapshot | None = None
-        self._manual_rudder: tuple[float, float] | None = None  # time and deflection of the last request
+        self._deflection: float | None = None  # manual rudder of the last request, None without one
+        self._deflection_s = 0.0  # time of that request
         self._fix_s: float | None = None
         self._fix_interval_s: float | None = None  # of the latest fixes; None if it has been logged
         self._used_mah = [0.0, 0.0]  # since the start: battery discharge, servo consumption
@@ -141,13 +142,11 @@ class ArduPilotState:
             self._fix_s = fix.t_s
 
     def _update_stick(self, inputs: Inputs) -> bool:
-        previous = self._manual_rudder
+        previous = self._deflection
         for request in inputs.requests:
             if isinstance(request.intent, ManualRudder):
-                deflection = request.intent.deflection
-                self._manual_rudder = None if deflection is None else (request.t_s, deflection)
-        present = self._manual_rudder
-        return (previous is None) is not (present is None) or (present or (0, 0))[1] != (previous or (0, 0))[1]
+                self._deflection, self._deflection_s = request.intent.deflection, request.t_s
+        return self._deflection != previous
 
     def _count_charge(self, boat: Snapshot) -> None:
         step_s, power, servo = 1.0 / max(boat.rate_hz, 0.1), boat.power, boat.servo
@@ -158,8 +157,8 @@ class ArduPilotState:
 
     def _encode_inputs(self, boat: Snapshot, timeout_s: float) -> bytes:
         """Return the manual rudder as a pulse on channel 1, 0 if it has timed out; the other channels are unused."""
-        is_active = self._manual_rudder is not None and boat.t_s - self._manual_rudder[0] <= timeout_s
-        pulse_us = _pulse_us(self._manual_rudder[1]) if is_active and self._manual_rudder is not None else 0
+        deflection = self._deflection if boat.t_s - self._deflection_s <= timeout_s else None
+        pulse_us = 0 if deflection is None else _pulse_us(deflection)
         return INPUTS.pack(microseconds(boat.t_s), pulse_us, *(0,) * (CHANNELS - 1))
 
     def _encode_performance(self, boat: Snapshot, dropped: int) -> bytes:
@@ -187,12 +186,12 @@ def _encode_fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
     parts = []
     if not math.isnan(yaw_deg):
         parts.append(ATTITUDE.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, desired_deg, yaw_deg, 0))
-    position = _known_position(boat)
-    if position is not None and boat.position is not None:
-        altitude_m = _finite_or_zero(boat.position.altitude_m)
-        above_m = altitude_m - _finite_or_zero(boat.home.altitude_m) if boat.home is not None else 0.0
+    fix = _known_position(boat)
+    if fix is not None:
+        position, altitude_m = fix
+        above_m = 0.0 if boat.home is None else altitude_m - _finite_or_zero(boat.home.altitude_m)
         parts.append(POSITION.pack(time_us, *_scale_position(position), altitude_m, above_m, above_m))
-    parts.append(_encode_estimate(boat, position, time_us, roll_deg, pitch_deg))
+    parts.append(_encode_estimate(boat, None if fix is None else fix[0], time_us, roll_deg, pitch_deg))
     deflection = _finite_or_zero(boat.rudder_command_rad) / max(limit_rad, 1e-3)
     parts.append(OUTPUTS.pack(time_us, _pulse_us(deflection), *(0,) * (CHANNELS - 1)))
     speed_m_s, rudder_deg = _water_speed(boat), _degrees_or_nan(boat.rudder_command_rad)
@@ -251,10 +250,10 @@ def _encode_innovation_tests(boat: Snapshot, time_us: int) -> list[bytes]:
         parts.append(
             INNOVATION_TESTS.pack(time_us, 0, 0.0, 0.0, 0.0, ratio, 0.0, solution, int(not boat.position_ok), 0)
         )
-    position = _known_position(boat)
-    if position is not None and boat.heading_rad is not None:
+    fix = _known_position(boat)
+    if fix is not None and boat.heading_rad is not None:
+        position, altitude_m = fix
         attitude_deg = (*map(_degrees_or_zero, (boat.roll_rad, boat.pitch_rad)), _compass_or_nan(boat.heading_rad))
-        altitude_m = _finite_or_zero(None if boat.position is None else boat.position.altitude_m)
         parts.append(COMPASS_ATTITUDE.pack(time_us, *attitude_deg, altitude_m, *_scale_position(position)))
     return parts
 
@@ -277,11 +276,12 @@ def _encode_battery(
     )
 
 
-def _known_position(boat: Snapshot) -> Place | None:
+def _known_position(boat: Snapshot) -> tuple[Place, float] | None:
+    """Return the position and the altitude of a fresh fix; 0 for an unknown altitude."""
     fix = boat.position if boat.position_ok else None
     if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
-    return Place(fix.latitude_rad, fix.longitude_rad)
+    return Place(fix.latitude_rad, fix.longitude_rad), _finite_or_zero(fix.altitude_m)
 
 
 def _scale_position(position: Place) -> tuple[int, int]:

@@ -11,13 +11,15 @@ import msgspec
 import pytest
 from pymavlink import mavutil
 
+from firmware_py.common.intents import ManualRudder, Request
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import RudderCommand
-from firmware_py.common.reports import Output
+from firmware_py.common.records import FixType, PositionSample, RudderCommand
+from firmware_py.common.reports import Home, Navigation, Output, Power, Water
+from firmware_py.faults.fault import Fault
 from firmware_py.log import ardupilot_formats
 from firmware_py.log.ardupilot_state import ArduPilotState, encode_version
 from firmware_py.log.dataflash import Format
-from support.full_log import TICKS, inputs_of, snapshot_of, write_log
+from support.full_log import ESTIMATE, inputs_of, snapshot_of, write_log
 from support.graphs import count_graphs
 
 
@@ -44,70 +46,187 @@ def rows(contents):
     return lambda name, *fields: [tuple(getattr(row, field) for field in fields) for row in contents[0][name]]
 
 
-def test_track_attitude_plans_and_arming_are_logged(rows):
-    attitude_deg = (math.degrees(0.1), math.degrees(-0.2), math.degrees(1.0))
-    assert rows("ATT", "Roll", "Pitch", "Yaw")[-1] == pytest.approx(attitude_deg, abs=1e-3)
-    assert rows("POS", "Lat", "Lng")[-1] == pytest.approx((math.degrees(0.7), math.degrees(-0.2)), abs=1e-6)
-    assert rows("CMD", "CTot", "CNum", "CId", "Prm1") == [(3, 1, 16, 0.0), (3, 2, 177, 1.0)]
-    assert rows("CMD", "Lat", "Lng")[0] == pytest.approx((40.0, -10.0))
+def test_plans_faults_and_changes_of_state_are_logged(rows):
+    items = rows("CMD", "CTot", "CNum", "CId", "Prm1", "Lat", "Lng", "Frame")
+    assert items == [(3, 1, 16, 0.0, 40.0, -10.0, 3), (3, 2, 177, 1.0, 0.0, 0.0, 2)]
     fence = [(4, 0, 98, 3, 0.0), (4, 1, 98, 3, 0.0), (4, 2, 98, 3, 0.0), (4, 3, 93, 0, 50.0)]
     assert rows("FNCE", "Tot", "Seq", "Type", "Count", "Radius") == fence
-    assert rows("RALY", "Tot", "Alt") == [(1, 1.0)]
+    assert rows("RALY", "Tot", "Seq", "Lat", "Lng", "Alt") == [(1, 0, 1.1e-6, 1.2e-6, 1.0)]
     assert rows("EV", "Id") == [(11,), (25,), (10,), (41,)]
     assert rows("ARM", "ArmState") == [(0,), (1,)]
-    assert rows("STAT", "Armed")[-1] == (1,)
-
-
-def test_faults_manual_rudder_version_and_batteries_are_logged(rows):
     assert rows("ERR", "Subsys", "ECode") == [(9, 1), (9, 0)]
-    pulses = [(round(time_us * 1e-6, 1), pulse_us) for time_us, pulse_us in rows("RCIN", "TimeUS", "C1") if pulse_us]
-    assert pulses == [(140.0, 1750)]  # then the request times out
-    assert rows("VER", "Maj", "Min", "Pat", "GH")[0] == (1, 2, 3, 0x0123ABCD)
-    assert dict(rows("BAT", "Inst", "Volt")) == pytest.approx({0: 12.9, 1: 12.0}, abs=1e-4)
-    assert rows("BAT", "CurrTot")[-2][0] == pytest.approx(0.5 * 50.0 / 3.6, rel=0.05)
+    version = (0, 1, 2, 3, 0, 0x0123ABCD, "rambler 1.2.3.dev0 (git 0123abcd-dirty)", 1)
+    assert rows("VER", "BT", "Maj", "Min", "Pat", "FWT", "GH", "FWS", "BU") == [version]
 
 
-def test_the_estimate_is_over_ground_and_relative_to_home(rows):
-    velocity_m_s = (0.4 * math.cos(1.02) + 0.2, 0.4 * math.sin(1.02) - 0.1)
-    assert rows("XKF1", "VN", "VE")[-1] == pytest.approx(velocity_m_s, abs=1e-4)
-    assert pytest.approx(6371e3 * 1e-4 * math.cos(0.7), rel=0.01) == rows("XKF1", "PE")[-1][0]
-
-
-def messages_of(kind, ticks, **unknown):
-    """Return the messages of a type for these ticks as dictionaries; the first tick opens a file."""
-    state, messages = ArduPilotState(), []
-    layout = Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
-    sizes = {other.number: other.size for other in ardupilot_formats.TYPES}
-    for number, inputs in ticks:
-        output = Output(RudderCommand(0.0, torque_on=True), msgspec.structs.replace(snapshot_of(number), **unknown))
-        data = state.encode_tick(inputs, output, ParameterSet(), dropped=0, log_all=number == ticks[0][0])
-        while data:
-            if data[2] == kind.number:
-                messages.append(dict(zip(layout.labels, layout.unpack(data, 0), strict=True)))
-            data = data[sizes[data[2]] :]
+def all_messages(state, tick, requests=(), *, log_all=False, dropped=0, positions=(), **changes):
+    """Return all messages of a tick as (name, values without the time)."""
+    kinds = {kind.number: kind for kind in ardupilot_formats.TYPES}
+    inputs = msgspec.structs.replace(inputs_of(tick), requests=requests, positions=positions)
+    output = Output(RudderCommand(0.0, torque_on=True), msgspec.structs.replace(snapshot_of(tick), **changes))
+    data = state.encode_tick(inputs, output, ParameterSet(), dropped=dropped, log_all=log_all)
+    messages = []
+    while data:
+        kind = kinds[data[2]]
+        values = Format(kind.number, kind.size, kind.name, kind.values, kind.labels).unpack(data, 0)
+        assert values[0] == pytest.approx((100.0 + 0.1 * tick) * 1e6, abs=1)
+        messages.append((kind.name, values[1:]))
+        data = data[kind.size :]
     return messages
 
 
-def test_a_file_that_starts_at_sea_has_armed_home_and_fence():
-    ticks = [(number, inputs_of(number)) for number in range(TICKS - 20, TICKS)]
-    assert snapshot_of(TICKS - 20).armed
-    assert [event["Id"] for event in messages_of(ardupilot_formats.EVENT, ticks)] == [10, 25, 41]
+def assert_messages(messages, expected):
+    assert [name for name, _ in messages] == [name for name, _ in expected]
+    for (name, values), (_, expected_values) in zip(messages, expected, strict=True):
+        assert values == pytest.approx(expected_values, rel=1e-4, abs=1e-6, nan_ok=True), name
 
 
-@pytest.mark.parametrize("phase", range(5))
-def test_the_fix_interval_is_logged_for_any_phase(phase):
-    ticks = [(n, msgspec.structs.replace(inputs_of(n - phase), tick=inputs_of(n).tick)) for n in range(100)]
-    intervals = [message["Delta"] for message in messages_of(ardupilot_formats.RECEIVER, ticks)]
-    assert len(intervals) == 9
-    assert set(intervals) <= {499, 500}
+NAN, NO_CHANNELS = math.nan, (0,) * 11
 
 
-@pytest.mark.parametrize("kind", [ardupilot_formats.ATTITUDE, ardupilot_formats.COMPASS_ATTITUDE])
-def test_attitude_is_upright_without_roll_and_pitch_and_absent_without_a_heading(kind):
-    ticks = [(number, inputs_of(number)) for number in range(100)]
-    messages = messages_of(kind, ticks, roll_rad=None, pitch_rad=None)
-    assert {(message["Roll"], message["Pitch"]) for message in messages} == {(0.0, 0.0)}
-    assert messages_of(kind, ticks, heading_rad=None) == []
+def test_values_of_a_tick_have_the_units_of_ardupilot():
+    """Angles in degrees: 0.1 rad are 5.72958 deg. The limit of the rudder is 30 deg."""
+    place = (401070457, -114591559)
+    messages = all_messages(
+        ArduPilotState(), 200, log_all=True, dropped=3, skipped_total=7, late_s=0.02, faults=0b1,
+        home=Home(0.6999, -0.2001, 1.0), estimate=msgspec.structs.replace(ESTIMATE, innovation_square=1.44),
+        water=Water(0.4, 0.1, 0.2, -0.1, 0.1, leeway_rad=0.05),
+    )  # fmt: skip
+    east_m = 637.10088 * math.cos(0.69995)
+    assert_messages(messages, [
+        ("ARM", (1, 1, 0, 2)), ("EV", (10,)), ("STAT", (1, 1.0, 1, 0)), ("EV", (25,)), ("EV", (41,)), ("ERR", (3, 1)),
+        ("ATT", (0.0, 5.72958, 0.0, -11.45916, 114.59156, 57.29578, 0)),
+        ("POS", (*place, 3.0, 2.0, 2.0)),
+        ("XKF1", (0, 5.72958, -11.45916, 58.44170, 0.4 * math.cos(1.07) + 0.2, 0.4 * math.sin(1.07) - 0.1, 0.0, 0.0,
+                  637.1009, east_m, 0.0, 1.0)),
+        ("RCOU", (1739, *NO_CHANNELS)),
+        ("STER", (14.32394, 11.45916, 0.004, 0.572958)),
+        ("CTUN", (0.0, 5.72958, 0.0, -11.45916, 0.0, 14.32394, 0.4, 1.0)),
+        ("RATE", (0.572958, 0.0, 0.0, 0.477465, 0.0)),
+        ("NTUN", (40.0, 68.75494, 114.59156, 57.29578, 1.5)),
+        ("RCIN", (0, *NO_CHANNELS)),
+        ("STAT", (1, 1.0, 1, 0)), ("THR", (0.0, 0.0, 0.5, 0.4)), ("ARSP", (0, 0.4)),
+        ("XKF4", (0, 0.0, 0.0, 0.0, 1.2, 0.0, 19, 0, 0)),
+        ("AHR2", (5.72958, -11.45916, 57.29578, 3.0, *place)),
+        ("BAT", (0, 12.9, 12.9, 0.5, 0.0138889, 15.0, 80.0)),
+        ("BAT", (1, 12.0, 12.0, 0.2, 0.00555556, 31.0, NAN)),
+        ("PM", (7, 100, 120_000, 3)),
+    ])  # fmt: skip
+
+
+UNKNOWN = (
+    *("yaw_rate_rad_s", "roll_rad", "pitch_rad", "goal_heading_rad", "bearing_rad", "distance_m", "rudder_rad"),
+    *("servo", "home", "estimate", "water"),
+)
+
+
+def test_unknown_and_impossible_values_are_nan_or_zero():
+    messages = all_messages(
+        ArduPilotState(), 50, log_all=True, **dict.fromkeys(UNKNOWN), rudder_command_rad=NAN, rate_hz=0.0, late_s=1e9,
+        skipped_total=-1, position=PositionSample(1.0, FixType.FIX_2D, 0.0, math.tau), power=Power(1e39, 0.5),
+        navigation=Navigation(),
+    )  # fmt: skip
+    assert_messages(messages, [
+        ("ARM", (0, 1, 0, 2)), ("EV", (11,)), ("STAT", (0, 0.0, 0, 0)),
+        ("ATT", (0.0, 0.0, 0.0, 0.0, NAN, 57.29578, 0)),
+        ("POS", (0, 0, 0.0, 0.0, 0.0)),
+        ("XKF1", (0, 0.0, 0.0, 57.29578, NAN, NAN, 0.0, 0.0, NAN, NAN, 0.0, NAN)),
+        ("RCOU", (1500, *NO_CHANNELS)),
+        ("STER", (NAN, NAN, NAN, NAN)),
+        ("CTUN", (0.0, 0.0, 0.0, 0.0, 0.0, NAN, NAN, 1.0)),
+        ("RATE", (NAN, 0.0, 0.0, 0.0, 0.0)),
+        ("NTUN", (NAN, NAN, NAN, 57.29578, NAN)),
+        ("RCIN", (0, *NO_CHANNELS)),
+        ("STAT", (0, 0.0, 0, 0)), ("THR", (0.0, 0.0, 0.5, NAN)), ("ARSP", (0, NAN)),
+        ("AHR2", (0.0, 0.0, 57.29578, 0.0, 0, 0)),
+        ("BAT", (0, NAN, NAN, -0.5, 0.0, NAN, NAN)),
+        ("PM", (0, 100, 4_000_000_000, 0)),
+    ])  # fmt: skip
+
+
+def test_faults_have_the_numbers_of_subsystems_of_ardupilot():
+    """Compass 3, battery failsafe 6, ground station failsafe 8, fence failsafe 9, GPS 11, others 1 (main)."""
+    numbers = {
+        **dict.fromkeys(("COMPASS_LOST", "COMPASS_SILENT", "COMPASS_FROZEN", "COMPASS_JUMPING"), 3),
+        **dict.fromkeys(("BATTERY_LOW", "BATTERY_CRITICAL"), 6),
+        "STATION_SILENT": 8,
+        "FENCE_BREACHED": 9,
+        "POSITION_LOST": 11,
+        "POSITION_JUMPING": 11,
+    }
+    state = ArduPilotState()
+    all_messages(state, 1, faults=0)
+    messages = all_messages(state, 2, faults=sum(1 << fault for fault in Fault))
+    assert messages == [("ERR", (numbers.get(fault.name, 1), 1)) for fault in Fault]
+    remaining = sum(1 << fault for fault in Fault if fault is not Fault.FENCE_BREACHED)
+    assert all_messages(state, 3, faults=remaining) == [("ERR", (9, 0))]
+
+
+def test_messages_follow_at_their_intervals():
+    """Motion every 10 ticks, slow values every 100, with the largest delay and the sums since the last."""
+    state, found, performance, used_mah = ArduPilotState(), {}, [], []
+    for tick in range(101, 301):
+        changes = {"late_s": 0.4 if tick == 150 else 0.01 * (tick // 100), "skipped_total": {200: 70_007, 300: 70_009}}
+        changes["skipped_total"] = changes["skipped_total"].get(tick, 0)
+        for name, values in all_messages(state, tick, log_all=tick == 101, dropped=tick, **changes):
+            found.setdefault(name, []).append(tick)
+            if name == "PM":
+                performance.append(values)
+            elif name == "BAT":
+                used_mah.append(values[4])
+    assert {tuple(found[name]) for name in ("ATT", "POS", "XKF1", "NTUN")} == {(101, *range(110, 301, 10))}
+    assert {tuple(found[name]) for name in ("THR", "XKF4", "AHR2", "PM", "RCIN")} == {(101, 200, 300)}
+    assert performance == [(0, 100, 110_000, 101), (0xFFFF, 100, 500_000, 200), (2, 100, 130_000, 300)]
+    # 0.5 A and 0.2 A over 0.1, 10 and 20 s
+    assert used_mah == pytest.approx([0.0138889, 0.00555556, 1.388889, 0.555556, 2.777778, 1.111111], rel=1e-4)
+
+
+@pytest.mark.parametrize(("current_a", "used_mah"), [(-0.5, 0.0138889), (0.5, 0.0), (NAN, 0.0), (None, 0.0)])
+def test_only_a_discharge_counts_as_used_charge(current_a, used_mah):
+    messages = all_messages(ArduPilotState(), 0, log_all=True, power=Power(12.0, current_a))
+    assert next(values[4] for name, values in messages if name == "BAT") == pytest.approx(used_mah, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("deflection", "pulse_us"), [(0.5, 1750), (-0.5, 1250), (1.1, 2000), (-1.1, 1000), (0.0, 1500)]
+)
+def test_manual_rudder_is_logged_at_once_and_until_its_timeout(deflection, pulse_us):
+    def pulses(tick, *deflections, log_all=False):
+        requests = tuple(Request(100.0 + 0.1 * tick, ManualRudder(value)) for value in deflections)
+        messages = all_messages(state, tick, requests, log_all=log_all)
+        return [values[0] for name, values in messages if name == "RCIN"]
+
+    state = ArduPilotState()
+    assert pulses(1, deflection) == [pulse_us]
+    assert pulses(2, deflection) == []
+    assert pulses(32, log_all=True) == [pulse_us]  # 3.0 s after the request
+    assert pulses(33, log_all=True) == [0]
+    assert pulses(34, None) == [0]
+    assert pulses(35, None) == []
+
+
+def test_without_a_heading_there_is_no_attitude_and_without_a_fresh_fix_no_position():
+    messages = dict(all_messages(ArduPilotState(), 0, log_all=True, heading_rad=None))
+    assert {"ATT", "AHR2"} & messages.keys() == set()
+    assert messages["XKF1"][3] == pytest.approx(58.4417, rel=1e-4)  # of the estimate
+    messages = dict(all_messages(ArduPilotState(), 0, log_all=True, position_ok=False))
+    assert {"POS", "AHR2"} & messages.keys() == set()
+    assert messages["XKF4"][6:] == (1, 1, 0)
+    assert messages["XKF1"][8:10] == pytest.approx((NAN, NAN), nan_ok=True)
+    for fix in (PositionSample(1.0, FixType.FIX_2D, None, 0.1), PositionSample(1.0, FixType.FIX_2D, 0.1, None)):
+        assert "POS" not in dict(all_messages(ArduPilotState(), 0, log_all=True, position=fix))
+
+
+@pytest.mark.parametrize(
+    ("fixes_s", "interval_ms"),
+    [((), None), ((1.0,), None), ((1.0, 1.25), 250), ((1.0, 2.0, 2.125), 125), ((2.0, 1.0), 0), ((0.0, 2e6), 10**9)],
+)
+def test_the_interval_of_the_latest_fixes_is_logged_once(fixes_s, interval_ms):
+    state = ArduPilotState()
+    positions = tuple(PositionSample(t_s, FixType.FIX_3D, 0.1, 0.2) for t_s in fixes_s)
+    assert "GPA" not in dict(all_messages(state, 19, positions=positions, log_all=True))
+    assert dict(all_messages(state, 20)).get("GPA") == (None if interval_ms is None else (0, interval_ms))
+    assert "GPA" not in dict(all_messages(state, 30))
 
 
 def test_the_messages_are_at_most_a_tenth_of_the_log(contents, log):
@@ -141,11 +260,3 @@ def test_pymavlinks_tools_read_the_log(tool, pattern, log, tmp_path):
 @pytest.mark.parametrize("software", ["rambler", "", "rambler 999.0.0 (git zzz)"])
 def test_a_version_without_numbers_is_written(software):
     assert encode_version(1.0, software)
-
-
-@pytest.mark.parametrize(("t_s", "pulse_us"), [(12.0, 1750), (13.0, 1750), (13.1, 0)])
-def test_manual_rudder_is_logged_until_its_timeout(t_s, pulse_us):
-    state = ArduPilotState()
-    state._manual_rudder = (10.0, 0.5)
-    data = state._encode_inputs(msgspec.structs.replace(snapshot_of(0), t_s=t_s), 3.0)
-    assert int.from_bytes(data[11:13], "little") == pulse_us  # after the head and the time
