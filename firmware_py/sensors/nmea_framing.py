@@ -16,7 +16,8 @@ MAX_BODY_LENGTH = 1024
 _START = re.compile(rb"[$!]")
 _BODY_END = re.compile(rb"[\x00-\x1f\x7f$!*]")
 _ADDRESS = re.compile(rb"[A-Z][A-Z0-9]{2,7}(?=,|\Z)")
-_HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+# Some plotters print a checksum below 16 with one digit; the line must end there.
+_CHECKSUM = re.compile(rb"[0-9A-Fa-f](?:[0-9A-Fa-f]|(?=[\r\n]))")
 
 
 class Sentence(msgspec.Struct, frozen=True):
@@ -67,15 +68,15 @@ class NmeaFramer:
             position = start
             end = _BODY_END.search(buffer, start + 1)
             stop = end.start() if end else len(buffer)
-            if stop - start - 1 > MAX_BODY_LENGTH:
-                self._append_sentence(sentences, bytes(buffer[start + 1 : start + 1 + MAX_BODY_LENGTH]), MALFORMED)
+            body = bytes(buffer[start + 1 : stop])
+            if len(body) > MAX_BODY_LENGTH:
+                self._append_sentence(sentences, body[:MAX_BODY_LENGTH], MALFORMED)
                 position = stop
                 continue
             if end is None or (buffer[stop] == ord("*") and len(buffer) < stop + 3):
                 break
-            body = bytes(buffer[start + 1 : stop])
-            fault, position = self._check_body(body, stop)
-            self._append_sentence(sentences, body, fault)
+            self._append_sentence(sentences, body, self._find_fault(body, stop))
+            position = stop
         else:
             self._line += buffer.count(b"\n", position)
             position = len(buffer)
@@ -92,23 +93,13 @@ class NmeaFramer:
             parts = body.decode("latin-1").split(",")
             sentences.append(Sentence(self._line, parts[0], tuple(parts[1:]), fault))
 
-    def _check_body(self, body: bytes, stop: int) -> tuple[str, int]:
-        """Return the fault of a body that ends at `stop`, and the position after it."""
+    def _find_fault(self, body: bytes, stop: int) -> str:
+        """Return the fault of a body that ends at `stop`, empty for none."""
         end_byte = self._buffer[stop]
         if end_byte in b"\r\n":
-            return NO_CHECKSUM, stop
+            return NO_CHECKSUM
         if end_byte != ord("*"):
-            return MALFORMED, stop
-        high, low = self._buffer[stop + 1 : stop + 3]
-        if high not in _HEX_DIGITS:
-            return CHECKSUM, stop + 1
-        # Some plotters print a checksum below 16 with one digit; the line must end there.
-        if low in b"\r\n":
-            digits = 1
-        elif low in _HEX_DIGITS:
-            digits = 2
-        else:
-            return CHECKSUM, stop + 2
-        stated = int(self._buffer[stop + 1 : stop + 1 + digits], 16)
+            return MALFORMED
+        stated = _CHECKSUM.match(self._buffer, stop + 1)
         computed = functools.reduce(operator.xor, body, 0)
-        return "" if stated == computed else CHECKSUM, stop + 1 + digits
+        return "" if stated and int(stated[0], 16) == computed else CHECKSUM

@@ -62,6 +62,31 @@ def test_default_dates_of_receivers_are_none(stated_s, clock_s):
     assert corrected_utc_s(stated_s, clock_s, NOW_S - 10 * DAY_S) is None
 
 
+@pytest.mark.parametrize(
+    ("stated_s", "clock_s", "last_s", "corrected_s"),
+    [
+        (FIRST_UTC_S, UNKNOWN, UNKNOWN, FIRST_UTC_S),
+        (FIRST_UTC_S - 1.0, UNKNOWN, UNKNOWN, None),
+        (utc(2100, 1, 1), UNKNOWN, UNKNOWN, utc(2100, 1, 1)),
+        (utc(2100, 1, 1) + 1.0, UNKNOWN, UNKNOWN, None),
+        (utc(2100, 1, 1) + 1.0, NOW_S, UNKNOWN, None),
+        (0.0, 3.0 * ROLLOVER_S, UNKNOWN, 3.0 * ROLLOVER_S),
+        (-1.0, 3.0 * ROLLOVER_S, UNKNOWN, None),
+        # The clock may differ by a day.
+        (NOW_S - ROLLOVER_S, NOW_S + 86_400.0, UNKNOWN, NOW_S),
+        (NOW_S - ROLLOVER_S, NOW_S + 86_401.0, UNKNOWN, None),
+        # The result is at least the last time less a day, and at most a year later.
+        (NOW_S - ROLLOVER_S, UNKNOWN, NOW_S + 86_400.0, NOW_S),
+        (NOW_S - ROLLOVER_S, UNKNOWN, NOW_S + 86_401.0, None),
+        (NOW_S - ROLLOVER_S, FIRST_UTC_S, NOW_S - 364 * 86_400.0 + 30 * 86_400.0, NOW_S),
+        (utc(2027, 11, 22) - ROLLOVER_S, UNKNOWN, NOW_S + 86_400.0, utc(2027, 11, 22)),
+        (utc(2027, 11, 22) - ROLLOVER_S + 1.0, UNKNOWN, NOW_S + 86_400.0, None),
+    ],
+)
+def test_limits_of_the_correction(stated_s, clock_s, last_s, corrected_s):
+    assert corrected_utc_s(stated_s, clock_s, last_s) == corrected_s
+
+
 def test_wrong_clock_does_not_change_a_correct_time():
     assert corrected_utc_s(NOW_S, utc(2031, 1, 1), UNKNOWN) == NOW_S
     assert corrected_utc_s(NOW_S, utc(2046, 3, 1), UNKNOWN) == NOW_S

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.geodesy import EARTH_RADIUS_M, Place, track
+from firmware_py.common.geodesy import EARTH_RADIUS_M, Place, is_possible_position, track
 
 latitudes, longitudes = st.floats(-math.pi / 2, math.pi / 2), st.floats(-math.pi, math.pi)
 places = st.builds(Place, latitudes, longitudes)
@@ -92,6 +92,62 @@ def test_local_offset_is_the_inverse_of_at_local_offset(place, north_m, east_m):
         assert place.local_offset_m(other) == pytest.approx((north_m, east_m), abs=1e-4)
     else:
         assert math.pi / 2 - abs(place.latitude_rad) < 1e5 / EARTH_RADIUS_M
+
+
+@pytest.mark.parametrize(
+    ("latitude_rad", "longitude_rad", "is_possible"),
+    [
+        (0.0, 0.0, False),
+        (0.99e-6, -0.99e-6, False),
+        (1e-6, 0.0, True),
+        (0.0, -1e-6, True),
+        (math.radians(89.9), math.pi, True),
+        (math.radians(-89.9), -math.pi, True),
+        (math.radians(89.91), 0.0, False),
+        (math.radians(-89.91), 0.0, False),
+        (0.5, 3.15, False),
+        (0.5, -3.15, False),
+        (math.nan, 0.5, False),
+        (0.5, math.nan, False),
+    ],
+)
+def test_position_near_a_pole_or_at_0_n_0_e_is_impossible(latitude_rad, longitude_rad, is_possible):
+    assert is_possible_position(latitude_rad, longitude_rad) is is_possible
+
+
+def test_offsets_near_a_pole():
+    near_pole = Place(math.pi / 2 - 1.05e-3, 0.0)
+    assert near_pole.at_local_offset(6600.0, 0.0) is not None
+    assert near_pole.at_local_offset(6800.0, 0.0) is None
+    assert Place(-near_pole.latitude_rad, 0.0).at_local_offset(-6800.0, 0.0) is None
+    assert Place(math.pi / 2 - 0.99e-3, 0.0).at_local_offset(0.0, 0.0) is None
+    # Beyond the pole, the place is the pole, with a large but finite change of longitude.
+    for side in (1.0, -1.0):
+        beyond = Place(side * 1.57, 0.0).at_offset(side * 10_000.0, 1.0)
+        assert (beyond.latitude_rad, beyond.longitude_rad) == pytest.approx((side * math.pi / 2, 1e6 / 6371008.8))
+
+
+@given(places, places, places)
+def test_track_agrees_with_the_formulas_of_spherical_trigonometry(start, end, here):
+    position = track(start, end, here)
+    length_m, course_rad = start.distance_and_bearing(end)
+    distance_m, bearing_rad = start.distance_and_bearing(here)
+    angle_rad = distance_m / 6371008.8
+    if position is None or max(map(abs, (start.latitude_rad, end.latitude_rad))) > 1.5 or not 1e5 < length_m < 1.9e7:
+        return
+    cross_track_rad = math.asin(math.sin(angle_rad) * math.sin(bearing_rad - course_rad))
+    assert position.cross_track_m == pytest.approx(cross_track_rad * 6371008.8, abs=1.0)
+    along_m = 6371008.8 * math.atan2(math.sin(angle_rad) * math.cos(bearing_rad - course_rad), math.cos(angle_rad))
+    if abs(cross_track_rad) < 1.5:
+        difference_m = (position.remaining_m + along_m - length_m) / 6371008.8
+        assert math.remainder(difference_m, 2 * math.pi) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_course_of_a_track_is_that_at_the_nearest_point_of_the_line():
+    start, end = Place(0.7, 0.2), Place(0.9, 1.1)
+    assert track(start, end, start).course_rad == pytest.approx(start.distance_and_bearing(end)[1])
+    arrival_rad = end.distance_and_bearing(start)[1] - math.pi
+    assert track(start, end, end).course_rad == pytest.approx(arrival_rad)
 
 
 def test_offsets_cross_the_date_line():

@@ -4,11 +4,23 @@ import json
 import math
 import struct
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import (
+    Plan,
+    PlanItem,
+    PlanKind,
+    Plans,
+    first_item_number,
+    from_text,
+    limit_number,
+    place_of,
+    to_text,
+)
 
 singles = st.floats(width=32)
 ints = st.integers(-(2**31), 2**31 - 1)
@@ -54,6 +66,53 @@ def test_damaged_text_is_rejected():
         assert damaged != text
         with pytest.raises(ValueError):
             from_text(damaged)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "place_deg"),
+    [
+        (0, 0, None),
+        (1, 0, (1e-7, 0.0)),
+        (0, -1, (0.0, -1e-7)),
+        (900_000_000, -1_800_000_000, (90.0, -180.0)),
+        (-900_000_000, 1_800_000_000, (-90.0, 180.0)),
+        (900_000_001, 0, None),
+        (-900_000_001, 0, None),
+        (0, 1_800_000_001, None),
+        (0, -1_800_000_001, None),
+    ],
+)
+def test_place_of_an_item(x, y, place_deg):
+    expected = None if place_deg is None else Place(*map(math.radians, place_deg))
+    place = place_of(PlanItem(16, x=x, y=y))
+    assert place == expected or msgspec.structs.astuple(place) == pytest.approx(msgspec.structs.astuple(expected))
+
+
+def test_parameter_of_an_item_is_limited_and_nan_counts_as_0():
+    assert [limit_number(value, -1.0, 2.0) for value in (-1.5, 0.5, 2.5, math.nan)] == [-1.0, 0.5, 2.0, 0.0]
+
+
+def test_mission_items_of_ardupilot_ground_stations_count_from_1():
+    assert [[first_item_number(identity, kind) for kind in PlanKind] for identity in (0, 3)] == [[0, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "notes"),
+    [
+        ({"version": 2}, ["written by a later version (2, here 1), read by name"]),
+        ({"version": "1"}, ["written by a later version ('1', here 1), read by name"]),
+        (
+            {"colour": 1, "age": 2},
+            ["field 'age' is not known here, ignored", "field 'colour' is not known here, ignored"],
+        ),
+        ({"version": 0}, []),
+    ],
+)
+def test_unknown_parts_of_a_stored_plan_are_ignored_and_reported(changes, notes):
+    plan = Plan.of(PlanKind.MISSION, (HERE,))
+    stored = json.loads(to_text(plan)) | changes
+    stored["plan"]["speed"] = 1
+    assert from_text(json.dumps(stored)) == (plan, (*notes, "plan: field 'speed' is not known here, ignored"))
 
 
 def test_replaced_plan_does_not_change_the_others():

@@ -48,6 +48,7 @@ def test_pending_reports_keep_the_newest_position_and_merge_identities(deliver, 
 
 
 def test_own_transmissions_are_not_reported_and_give_the_own_mmsi(deliver, receiver):
+    assert receiver.fileno() == -1
     assert deliver(receiver, own_position(235000007)) == ()
     assert deliver(receiver, ship(235000007)) == ()
     assert "another station uses the boat's MMSI 235000007" in receiver.health(0.0).text

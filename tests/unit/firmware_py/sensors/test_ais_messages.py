@@ -103,6 +103,17 @@ def test_recordings_are_decoded_as_by_pyais(path):
     assert compared >= 20
 
 
+@pytest.mark.parametrize("message_type", [1, 4, 18, 19, 21, 27])
+def test_south_west_and_port_are_negative(message_type):
+    values = {"msg_type": message_type, "mmsi": 211000001, "lat": -33.5, "lon": -71.25, "turn": -10}
+    finder, assembler = SentenceFinder(), Assembler()
+    stream = "\r\n".join(pyais.encode_dict(values)).encode()
+    messages = [assembler.add(*sentence, 0.0) for sentence in finder.feed(stream)]
+    (report, *_) = decode_reports(read_payload(messages[-1].payload, messages[-1].fill_bits), 0.0)
+    assert (degrees(report.latitude_rad), degrees(report.longitude_rad)) == pytest.approx((-33.5, -71.25))
+    assert report.turn_rad_s is None if message_type != 1 else report.turn_rad_s < 0.0
+
+
 def test_recordings_contain_every_decoded_type():
     types = {payload.message_type for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
     assert types >= DECODED_TYPES

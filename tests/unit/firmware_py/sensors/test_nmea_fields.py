@@ -1,17 +1,21 @@
 """Readers of single NMEA fields: values, empty fields, and rejected texts."""
 
 import datetime as dt
+from functools import partial
 
 import pytest
 
 from firmware_py.sensors import nmea_fields as readers
 from firmware_py.sensors.message_error import MessageError
 
-EAST_WEST = readers.signed_field(0, 180.0, {"E": 1.0, "W": -1.0})
-HEADING, TRUE_HEADING = readers.number_field(0, 0.0, 360.0), readers.number_field(0, 0.0, 360.0, unit="T")
-SPEED, LATITUDE, LONGITUDE = readers.speed_field(0), readers.latitude_field(0), readers.longitude_field(0)
-TIME, SHORT_DATE = readers.time_of_day_field(0), readers.short_date_field(0, 1)
-LONG_DATE = readers.long_date_field(0, 1)
+EAST_WEST = partial(readers.signed_field, 0, 180.0, {"E": 1.0, "W": -1.0})
+HEADING = partial(readers.number_field, 0, 0.0, 360.0)
+TRUE_HEADING = partial(HEADING, unit="T")
+SPEED, LATITUDE, LONGITUDE = (
+    partial(field, 0) for field in (readers.speed_field, readers.latitude_field, readers.longitude_field)
+)
+TIME, SHORT_DATE = partial(readers.time_of_day_field, 0), partial(readers.short_date_field, 0, 1)
+LONG_DATE = partial(readers.long_date_field, 0, 1)
 MOMENT_S = dt.datetime(2016, 8, 15, 11, 56, 30, tzinfo=dt.UTC).timestamp()
 
 
@@ -37,7 +41,7 @@ def test_other_texts_are_no_numbers(text):
 
 
 @pytest.mark.parametrize(
-    ("read", "fields", "value"),
+    ("reader", "fields", "value"),
     [(HEADING, ("0",), 0.0), (HEADING, ("360.0",), 360.0), (TRUE_HEADING, ("341.8", "T"), 341.8),
      (TRUE_HEADING, ("", ""), None), (SPEED, ("1.0", "N"), 1852 / 3600), (SPEED, ("1.0", "K"), 1 / 3.6),
      (SPEED, ("200.0", "M"), 200.0), (SPEED, ("1.0", "S"), 0.44704), (EAST_WEST, ("5", "E"), 5.0),
@@ -53,12 +57,12 @@ def test_other_texts_are_no_numbers(text):
      (LONG_DATE, ("115630", "15", "08", "2016"), MOMENT_S), (LONG_DATE, ("115630", "", "", ""), None),
      (LONG_DATE, ("115630", "00", "00", "0000"), None)],
 )  # fmt: skip
-def test_values(read, fields, value):
-    assert read(fields) == (None if value is None else pytest.approx(value, rel=0.0, abs=1e-9))
+def test_values(reader, fields, value):
+    assert reader()(fields) == (None if value is None else pytest.approx(value, rel=0.0, abs=1e-9))
 
 
 @pytest.mark.parametrize(
-    ("read", "error", "rows"),
+    ("reader", "error", "rows"),
     [
         (HEADING, "range", [("360.01",), ("-0.1",), ("400",)]),
         (TRUE_HEADING, "malformed", [("341.8", "M"), ("341.8", ""), ("341.8", "t")]),
@@ -77,10 +81,10 @@ def test_values(read, fields, value):
                               ("31 02 2016", "15 08 1916", "15 08 2116", "15 08 16", "-1 08 2016")]),
     ],
 )  # fmt: skip
-def test_invalid_values_are_rejected(read, error, rows):
+def test_invalid_values_are_rejected(reader, error, rows):
     for fields in rows:
         with pytest.raises(MessageError) as rejected:
-            read(fields)
+            reader()(fields)
         assert rejected.value.error == error, fields
 
 
@@ -90,7 +94,7 @@ def test_invalid_values_are_rejected(read, error, rows):
      "000000"],
 )  # fmt: skip
 def test_invalid_short_date_is_none(date):
-    assert SHORT_DATE(("115630", date)) is None
+    assert SHORT_DATE()(("115630", date)) is None
 
 
 @pytest.mark.parametrize(
@@ -101,7 +105,7 @@ def test_year_of_a_date_is_1980_to_2099(day, month, year, is_valid):
     fields = ("000000.00", day, month, year)
     if is_valid:
         moment = dt.datetime(int(year), int(month), int(day), tzinfo=dt.UTC)
-        assert LONG_DATE(fields) == moment.timestamp()
+        assert LONG_DATE()(fields) == moment.timestamp()
     else:
         with pytest.raises(MessageError):
-            LONG_DATE(fields)
+            LONG_DATE()(fields)
