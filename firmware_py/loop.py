@@ -43,12 +43,11 @@ from firmware_py.system.watchdogs import Watchdogs, is_in_uninterruptible_wait
 if TYPE_CHECKING:
     from firmware_py.system.pwm_line import PwmLine
 
-# The link is not served within this time before a deadline, or within this fraction of a short period.
+# The link is not served within this time before a deadline.
 GUARD_S = 0.003
-GUARD_FRACTION = 0.15
-# A link that uses more than this fraction of a period, or of the one before, has a longer guard time. Virtual machines
-# and overheated boards may become ten times slower for some milliseconds: a running call must end before the tick even
-# then.
+# A link that uses more than this fraction of a period, or of the one before, has a longer guard time, or this fraction
+# of a short period. Virtual machines and overheated boards may become ten times slower for some milliseconds: a running
+# call must end before the tick even then.
 LINK_BUSY_FRACTION = 0.1
 BUSY_GUARD_S = 0.012
 BUSY_GUARD_FRACTION = 0.5
@@ -56,9 +55,8 @@ BUSY_GUARD_FRACTION = 0.5
 # use more than 95 % of the processor; a flood of messages must not cause that.
 MAX_LINK_FRACTION = 0.75
 # The sample of the compass that the ticks are locked to arrives shortly before the deadline and starts the tick, which
-# saves another wake-up of the processor. It starts at most this time early, or this fraction of a short period.
+# saves another wake-up of the processor. It starts at most this time early.
 MAX_EARLY_S = 2.0 * LOCK_MARGIN_S
-MAX_EARLY_FRACTION = 0.2
 COLLECT_INTERVAL_S = 60.0
 WATCHDOG_INTERVAL_S = 1.0  # the timeouts of the watchdogs are several intervals
 SAFE_TIMEOUT_S = 2.0
@@ -247,14 +245,14 @@ def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bo
     """
     clock, link, deadline_s = parts.clock, parts.link, tick_timer.deadline_s
     period_s = 1.0 / tick_timer.rate_hz
-    guard_s, busy_guard_s = min(GUARD_S, GUARD_FRACTION * period_s), min(BUSY_GUARD_S, BUSY_GUARD_FRACTION * period_s)
+    busy_guard_s = min(BUSY_GUARD_S, BUSY_GUARD_FRACTION * period_s)
     locked = parts.tick_on_compass and parts.autopilot.state.parameters["LOOP_LOCK"]
-    early_start_s = deadline_s - min(MAX_EARLY_S, MAX_EARLY_FRACTION * period_s) if locked else deadline_s
+    early_start_s = deadline_s - MAX_EARLY_S if locked else deadline_s
     link_s = 0.0
     store_fd, device_fds = parts.store.fileno(), _prompt_descriptors(parts)
     others = [*link.descriptors(), store_fd]
     while (now_s := clock.now_s()) < deadline_s:
-        guard_start_s = deadline_s - (busy_guard_s if link_busy or link_s >= LINK_BUSY_FRACTION * period_s else guard_s)
+        guard_start_s = deadline_s - (busy_guard_s if link_busy or link_s >= LINK_BUSY_FRACTION * period_s else GUARD_S)
         is_before_guard = now_s < guard_start_s and link_s < MAX_LINK_FRACTION * period_s
         has_link_data = is_before_guard and link.busy
         descriptors = [*device_fds, *others] if is_before_guard else [*device_fds]

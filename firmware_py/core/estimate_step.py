@@ -89,7 +89,7 @@ def _predict_position(state: State, now_s: float, heading_rad: float | None, tim
     position_state, water_state = state.position, state.heading_estimator.water
     if position_state.fix is None and position_state.dead_reckoning is None:
         return position_state
-    if state.timing.started_s is None and position_state.dead_reckoning is not None:
+    if state.timing.started_s is None:
         position_state = last_position.with_first_tick(position_state, now_s)
     if (
         position_state.fix is not None

@@ -104,7 +104,9 @@ def test_relative_goal_is_relative_to_the_present_heading(goal):
 def test_turn_direction_is_forced_only_for_the_long_way():
     assert accept(GUIDED, SteerHeading(1.5, turn=-1)).goal.turn == -1
     assert accept(GUIDED, SteerHeading(1.5, turn=1)).goal.turn == 0
-    assert accept(GUIDED, SteerHeading(0.97, turn=1)).goal.turn == 0  # already on the heading
+    assert accept(GUIDED, SteerHeading(1.0 - 0.099, turn=1)).goal.turn == 0  # already on the heading
+    assert accept(GUIDED, SteerHeading(1.0 - 0.101, turn=1)).goal.turn == 1
+    assert accept(GUIDED, SteerHeading(1.0 + math.pi - 1e-6, turn=1)).goal.turn == 0
 
 
 def test_heading_for_a_course_compensates_the_current():
@@ -205,6 +207,8 @@ def test_bench_rudder_ends_after_its_time_and_with_arming():
     state = accept(ModeState(), BenchRudder(0.5, 10.0))
     assert [bench_deflection(state, now_s) for now_s in (5.0, 14.9, 15.0)] == [0.5, 0.5, None]
     assert bench_deflection(accept(state, BenchRudder(0.0, 0.0)), 5.0) is None
+    assert bench_deflection(accept(state, BenchRudder(0.5, 60.0)), 5.0) == 0.5
+    assert bench_deflection(replace(state, bench_until_s=65.1), 5.0) is None  # by the clock of another process
     armed = accept(state, Arm(True))
     assert bench_deflection(armed, 6.0) is None
     assert bench_deflection(accept(armed, Arm(False)), 6.0) is None

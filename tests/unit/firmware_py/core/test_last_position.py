@@ -9,12 +9,13 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.records import FixType, Inputs, PositionSample, Tick
 from firmware_py.core import last_position
 from firmware_py.core.last_position import LastPosition
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.resume_writer import ResumeWriter
 from firmware_py.core.state import State
+from firmware_py.core.step import step
 from firmware_py.estimate import dead_reckoning, water_results
 from firmware_py.estimate.dead_reckoning import DeadReckoning
 from firmware_py.estimate.position import PositionState, time_since_fix_s
@@ -51,6 +52,13 @@ def test_dead_reckoning_continues_with_water_and_uncertainty():
     assert last_position.with_first_tick(state.position, 7.0) == position_state(7.0, -33.0)
     assert time_since_fix_s(state.position) == 40.0
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not rounded
+
+
+def test_time_of_dead_reckoning_begins_with_the_first_tick():
+    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(position_state()), STORED_AT)), STORED_AT)
+    for now_s in (7.0, 8.0, 9.0):
+        state, _ = step(state, Inputs(Tick(0, now_s, 0.0, 0, 1.0)))
+        assert (state.position.t_s, state.position.dead_reckoning.begun_s) == (now_s, -33.0)
 
 
 def test_position_drifts_with_the_current_during_the_restart():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.vessels import VesselKind, VesselPosition
@@ -48,3 +49,7 @@ def test_position_is_extrapolated():
     vessel = relative_motion(Place(*placed(0.0, 0.0)), position, 40.0)
     assert (vessel.north_m, vessel.east_m) == pytest.approx((1000.0, 150.0), abs=0.2)
     assert (vessel.north_m_s, vessel.east_m_s) == pytest.approx((0.0, 5.0))
+    for unknown in (replace(position, speed_m_s=None), replace(position, course_rad=None)):
+        vessel = relative_motion(Place(*placed(0.0, 0.0)), unknown, 40.0)
+        assert (vessel.north_m, vessel.east_m) == pytest.approx((1000.0, 0.0), abs=0.2)
+        assert (vessel.north_m_s, vessel.east_m_s) == (0.0, 0.0)

@@ -3,12 +3,16 @@
 import pytest
 from msgspec.structs import replace
 
+from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.records import Severity
+from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation
 from firmware_py.guidance import guidance_reports
+from firmware_py.guidance.fence import FenceState
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.modes import ModeState
 from support.plans import FENCE_ITEMS, item, mission
 
@@ -65,10 +69,38 @@ def test_fence_events(previous, present, plans, texts):
 
 
 def test_mission_report_has_the_item_number_of_the_operator():
-    plans = mission(item(WAYPOINT, 100.0, 0.0), item(WAYPOINT, 200.0, 0.0))
-    state = GuidanceState(mission=MissionProgress(plans.mission.identity))
+    plans = replace(FENCE, mission=mission(item(WAYPOINT, 100.0, 0.0), item(WAYPOINT, 200.0, 0.0)).mission)
+    identities = (plans.mission.identity, FENCE.fence.identity, 0)
+    state = GuidanceState(mission=MissionProgress(plans.mission.identity, started=True), reached=(0,))
     for index, reported_index in ((0, 0), (1, 1), (2, 1)):
         progress = replace(state.mission, index=index)
         report = guidance_reports.mission_report(replace(state, mission=progress), plans, AUTO, first_number=1)
-        assert (report.index, report.first_item_number, report.count) == (reported_index, 1, 2)
-    assert guidance_reports.mission_report(state, Plans(), AUTO, first_number=1).index is None
+        assert report == MissionReport(MissionState.ACTIVE, reported_index, 2, (0,), identities, 1)
+    for modes in (replace(AUTO, armed=False), replace(AUTO, mode=Mode.LOITER)):
+        assert guidance_reports.mission_report(state, plans, modes, first_number=1).state is MissionState.PAUSED
+    assert guidance_reports.mission_report(state, Plans(), AUTO, first_number=1) == MissionReport(
+        reached_items=(0,), first_item_number=1
+    )
+
+
+@pytest.mark.parametrize(
+    ("arrived", "activity", "is_reported"),
+    [
+        (True, Activity.STATION, True),
+        (True, Activity.NOTHING, False),
+        (False, Activity.STATION, False),
+        (False, Activity.NOTHING, False),
+    ],
+)
+def test_navigation_report_has_the_target_and_the_fence(arrived, activity, is_reported):
+    place = Place(0.6, 2.0)
+    status = TaskStatus(activity=activity, target=place, radius_m=20.0, cross_track_m=-3.0)
+    state = GuidanceState(
+        status=status,
+        follower=TaskFollowerState(arrived=arrived),
+        fence=FenceState(FENCE.fence.identity, place, 55.0),
+    )
+    report = guidance_reports.navigation_report(state, FENCE, fence_enabled=True)
+    assert report == Navigation(activity, 0.6, 2.0, 20.0, -3.0, is_reported, True, 55.0)
+    without = guidance_reports.navigation_report(GuidanceState(), FENCE, fence_enabled=False)
+    assert without == Navigation()

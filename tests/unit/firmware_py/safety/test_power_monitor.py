@@ -46,6 +46,12 @@ def test_supply_is_unknown_without_samples():
             {"current_a": -0.1, "load_w": 5.2, "solar_w": 3.9, "battery_w": -1.3},
             id="charger with load output",
         ),
+        pytest.param([charger(current_a=None)], {"voltage_v": 13.0, "solar_w": 40.0}, id="charger without a current"),
+        pytest.param(
+            [charger(voltage_v=None, load_a=1.0)],
+            {"voltage_v": None, "solar_w": 40.0, "load_w": None, "current_a": None},
+            id="charger without a voltage",
+        ),
         pytest.param(
             [charger(current_a=-0.01, solar_w=0.0)], {"solar_w": 0.0}, id="charger that draws current at night"
         ),
