@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
-from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
+from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE
 
 MAX_DISTANCE_RAD: Final = 10e3 / EARTH_RADIUS_M  # from the position for which it was computed
 MAX_AGE_S: Final = 30.0 * 86400.0
@@ -20,7 +20,6 @@ YEAR_S: Final = 365.25 * 86400.0
 EPOCH_S: Final = 1_735_689_600.0  # 2025-01-01 UTC
 MAX_MODEL_YEARS: Final = 10.0  # the model is valid for 5 years; after 10 it is no longer extrapolated
 MAJOR_KM, MINOR_KM, REFERENCE_KM = 6378.137, 6356.7523142, 6371.2  # semi-axes of WGS 84; radius of the model
-MIN_COSINE: Final = 1e-6  # of the latitude; avoids a division by 0 at the poles
 # In a smaller horizontal field a compass is not usable; the authors of the model advise caution below 6000 nT.
 MIN_HORIZONTAL_FIELD_NT: Final = 2000.0
 
@@ -56,8 +55,7 @@ def horizontal_field_nt(latitude_rad: float, longitude_rad: float, utc_s: float)
     """Return the north and east components of the field [nT] at sea level, at a geodetic latitude."""
     years = min(max((utc_s - EPOCH_S) / YEAR_S, 0.0), MAX_MODEL_YEARS)
     geocentric_rad, radius_km = _geocentric(latitude_rad)
-    sine = math.sin(geocentric_rad)
-    cosine = max(math.cos(geocentric_rad), MIN_COSINE)
+    sine, cosine = math.sin(geocentric_rad), math.cos(geocentric_rad)  # the cosine of a float is never 0
     legendre, derivatives = _legendre(sine, cosine)
     ratio = REFERENCE_KM / radius_km
     north = east = down = 0.0
@@ -104,6 +102,3 @@ def _legendre(sine: float, cosine: float) -> tuple[list[list[float]], list[list[
             sum_d = (2.0 * n - 1.0) * (sine * d[n - 1][m] + cosine * p[n - 1][m])
             d[n][m] = (sum_d - older_root * older_d) / root
     return p, d
-
-
-__all__ = ["EPOCH", "Declination", "declination_rad", "horizontal_field_nt", "update"]

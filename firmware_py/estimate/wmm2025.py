@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Final
 
-EPOCH: Final = 2025.0
 DEGREE: Final = 12
 
 # fmt: off

@@ -1,7 +1,9 @@
 import math
 import zlib
 
+import numpy as np
 import pytest
+from scipy.special import lpmv
 
 from firmware_py.estimate.declination import Declination, declination_rad, horizontal_field_nt, update
 from firmware_py.estimate.wmm2025 import COEFFICIENTS
@@ -20,6 +22,43 @@ VECTORS = [
 ]
 
 
+# Latitude, longitude [deg], date and the date that counts: the model is not extrapolated beyond 2025 to 2035.
+DATED_PLACES = [
+    (12.0, 200.0, 2025.0, 2025.0),
+    (-63.0, 33.0, 2027.5, 2027.5),
+    (78.0, -100.0, 2034.9, 2034.9),
+    (-5.0, 75.0, 2035.6, 2035.0),
+    (45.0, 10.0, 2023.0, 2025.0),
+]
+
+
+def potential(position_km, years):
+    """Return the magnetic potential [nT km] at a position in the coordinates of the earth (equation 4 of the report)."""
+    x, y, z = position_km
+    radius_km, longitude_rad = math.hypot(x, y, z), math.atan2(y, x)
+    result = 0.0
+    for n, m, g, h, g_year, h_year in COEFFICIENTS:
+        schmidt = (-1.0) ** m * math.sqrt((2.0 if m else 1.0) * math.factorial(n - m) / math.factorial(n + m))
+        wave = (g + years * g_year) * math.cos(m * longitude_rad) + (h + years * h_year) * math.sin(m * longitude_rad)
+        result += (6371.2 / radius_km) ** (n + 1) * wave * schmidt * lpmv(m, n, z / radius_km)
+    return 6371.2 * result
+
+
+@pytest.mark.parametrize(("latitude", "longitude", "year", "model_year"), DATED_PLACES)
+def test_field_is_the_gradient_of_the_potential(latitude, longitude, year, model_year):
+    lat, lon, flattening = math.radians(latitude), math.radians(longitude), 1.0 / 298.257223563
+    axis = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), (1.0 - flattening) ** 2 * math.sin(lat)])
+    position_km = 6378.137 * axis / math.sqrt(1.0 - flattening * (2.0 - flattening) * math.sin(lat) ** 2)
+    north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
+    east = np.array([-math.sin(lon), math.cos(lon), 0.0])
+    expected_nt = [
+        (potential(position_km - step, model_year - 2025.0) - potential(position_km + step, model_year - 2025.0)) / 0.02
+        for step in (0.01 * north, 0.01 * east)
+    ]
+    utc_s = EPOCH_S + (year - 2025.0) * YEAR_S
+    assert horizontal_field_nt(lat, lon, utc_s) == pytest.approx(expected_nt, abs=1e-3)
+
+
 @pytest.mark.parametrize(("latitude", "longitude", "year", "degrees"), VECTORS)
 def test_declination_equals_the_reference_values(latitude, longitude, year, degrees):
     utc_s = EPOCH_S + (year - 2025.0) * YEAR_S
@@ -29,12 +68,15 @@ def test_declination_equals_the_reference_values(latitude, longitude, year, degr
 
 def test_coefficients_are_the_published_ones():
     """A wrong digit of a high degree changes the declination by less than a thousandth of a degree."""
-    rows = "\n".join(" ".join(f"{value + 0.0:.1f}" for value in row) for row in COEFFICIENTS)
+    rows = "\n".join(" ".join(str(value + 0.0) for value in row) for row in COEFFICIENTS)
     assert zlib.crc32(rows.encode()) == 684922188
 
 
-def test_declination_is_none_at_the_magnetic_pole():
-    assert declination_rad(math.radians(85.8), math.radians(139.3), EPOCH_S) is None
+def test_declination_is_none_below_2000_nt_near_the_magnetic_pole():
+    for latitude, field_nt in ((85.8, 17.0), (81.8, 1939.0), (81.6, 2044.0)):
+        place = (math.radians(latitude), math.radians(139.3), EPOCH_S)
+        assert math.hypot(*horizontal_field_nt(*place)) == pytest.approx(field_nt, abs=5.0)
+        assert (declination_rad(*place) is None) is (field_nt < 2000.0)
 
 
 @pytest.mark.parametrize("latitude", [-90.0, -89.999999, 90.0])

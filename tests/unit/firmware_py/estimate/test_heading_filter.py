@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_filter, heading_model
-from firmware_py.estimate.heading_filter import LEVEL_OFFSETS, MAX_LEVELS, MIN_LEVELS, PRIOR, PRIOR_SDS, begin, update
+from firmware_py.estimate.heading_filter import begin, update
 from firmware_py.estimate.heading_model import NoiseLevels
 from firmware_py.model.kt import OCEAN_RAMBLER
 from support.heading_recording import (
@@ -27,8 +27,27 @@ from support.heading_recording import (
 )
 
 LEVELS = 6
+DEGREE = math.radians(1.0)
 MAX_LEVEL_STEP = 0.5
-UNKNOWN_RUDDER_WALK = math.log(math.radians(2.0))
+UNKNOWN_RUDDER_WALK = math.log(2.0 * DEGREE)
+# Diffusion [rad^2/s], wave yaw [rad], its period [s] and damping, compass noise [rad], bias walk [rad/sqrt(s)].
+PRIOR = NoiseLevels(*map(math.log, (DEGREE**2, DEGREE, 2.8, 0.2, 0.1 * DEGREE, 0.3 * DEGREE)))
+PRIOR_SDS = np.array([2.5, 1.0, 0.6, 0.5, 0.7, 1.0])
+MIN_LEVELS = NoiseLevels(*map(math.log, (1e-5 * DEGREE**2, 0.02 * DEGREE, 1.2, 0.04, 0.01 * DEGREE, 0.003 * DEGREE)))
+MAX_LEVELS = NoiseLevels(*map(math.log, (60.0 * DEGREE**2, 40.0 * DEGREE, 16.0, 0.7, 3.0 * DEGREE, 6.0 * DEGREE)))
+LEVEL_OFFSETS = np.array([0.3, 0.2, 0.05, 0.3, 0.4, 0.4])
+CANDIDATES = [
+    PRIOR._replace(
+        diffusion=math.log(diffusion * DEGREE**2), wave_sd=math.log(wave_deg * DEGREE), wave_period=math.log(period_s)
+    )
+    for diffusion, wave_deg, periods_s in (
+        (1.0, 1.0, (2.2, 3.6)),
+        (8.0, 1.0, (2.2, 3.6)),
+        (1.0, 4.0, (2.2, 3.6, 6.0, 10.0)),
+        (1.0, 16.0, (2.2, 3.6, 6.0, 10.0)),
+    )
+    for period_s in periods_s
+]
 
 pytestmark = pytest.mark.timeout(600)  # the first test compiles the filter
 OFFSHORE = Sea(6.0, 2.4, 3.2, compass_noise_deg=0.3, compass_hz=10.0)
@@ -227,7 +246,7 @@ def test_first_heading_starts_the_filter():
 
 def test_late_headings_are_used_for_a_second_and_keep_the_time():
     f = update_all(begin(0.0, 1.0), STEADY)
-    assert update_all(f, [(f.t_s - 1.1, 2.0, 0.0)]) is f
+    assert update_all(f, [(f.t_s - 1.05, 2.0, 0.0)]) is f
     late = update_all(f, [(f.t_s - 0.9, f.motion.heading_rad + 0.01, 0.0)])
     assert late.t_s == f.t_s
     assert late.motion.p00 < f.motion.p00
@@ -284,15 +303,107 @@ def test_unknown_rudder_raises_the_bias_walk_only_while_it_is_unknown():
     assert interrupted.levels.bias_walk == pytest.approx(complete.levels.bias_walk, abs=0.2)
 
 
-def test_candidates_and_level_offsets_change_only_their_levels():
-    candidates = {heading_filter.candidate_levels(number) for number in range(2 * LEVELS)}
-    assert len(candidates) == 2 * LEVELS
-    for candidate in candidates:
-        prior_levels = {"diffusion": PRIOR.diffusion, "wave_sd": PRIOR.wave_sd, "wave_period": PRIOR.wave_period}
-        assert candidate._replace(**prior_levels) == PRIOR
-    for index in range(LEVELS):
-        expected = [level + (0.25 if index == i else 0.0) for i, level in enumerate(PRIOR)]
-        assert list(heading_filter.with_level_offset(PRIOR, index, 0.25)) == expected
+class PlainFilter:
+    """The filter by the equations of the module's text, for samples in order and with a measured rudder."""
+
+    def __init__(self, t_s, heading_rad):
+        self.t_s = self.begun_s = self.learned_s = t_s
+        self.motion, self.levels = heading_model.begin(heading_rad, PRIOR), PRIOR
+        self.extra = [heading_model.begin(heading_rad, levels) for levels in CANDIDATES]
+        self.sums, self.information = np.zeros(2 * LEVELS), np.zeros(LEVELS)
+        self.window_s = self.rudder_rad_s = self.unexplained_s = 0.0
+        self.innovation_square, self.unexplained_turns = 1.0, 0
+
+    def update(self, t_s, heading_rad, rudder_rad):
+        step_s, self.t_s = t_s - self.t_s, t_s
+        self.motion, innovation, variance = self.correct(self.motion, self.levels, rudder_rad, step_s, heading_rad)
+        square = innovation**2 / variance
+        self.innovation_square += min(step_s / 60.0, 0.5) * (square - self.innovation_square)
+        self.unexplained_s = self.unexplained_s + step_s if square > 9.0 else 0.0
+        if self.unexplained_s > 2.0:
+            self.motion, self.unexplained_s = heading_model.with_unexplained_turn(self.motion), 0.0
+            self.unexplained_turns += 1
+        self.rudder_rad_s += rudder_rad * step_s
+        if t_s - self.learned_s >= 0.4:
+            self.learn(t_s, t_s - self.learned_s, heading_rad)
+            self.learned_s, self.rudder_rad_s = t_s, 0.0
+
+    def correct(self, motion, levels, rudder_rad, step_s, heading_rad):
+        motion = heading_model.predict(motion, levels, OCEAN_RAMBLER, rudder_rad, step_s)
+        return heading_model.correct(motion, levels, heading_rad)
+
+    def learn(self, t_s, step_s, heading_rad):
+        age_s, likelihoods = t_s - self.begun_s, np.empty(2 * LEVELS)
+        self.window_s += step_s
+        for number in range(2 * LEVELS):
+            levels = np.array(self.levels)
+            levels[number // 2] += (-1) ** number * LEVEL_OFFSETS[number // 2]
+            levels = CANDIDATES[number] if age_s < 60.0 else NoiseLevels(*levels)
+            self.extra[number], innovation, variance = self.correct(
+                self.extra[number], levels, self.rudder_rad_s / step_s, step_s, heading_rad
+            )
+            likelihoods[number] = heading_model.log_likelihood(innovation, variance)
+        self.sums = self.sums + likelihoods
+        if age_s < 60.0:
+            if self.window_s >= 5.0:
+                best = int(np.argmax(self.sums))
+                self.motion, self.levels, self.window_s = self.extra[best], CANDIDATES[best], 0.0
+        elif self.learned_s - self.begun_s < 60.0:
+            self.extra, self.sums, self.window_s = [self.motion] * 12, np.zeros(2 * LEVELS), 0.0
+        else:
+            scores = (likelihoods[0::2] - likelihoods[1::2]) / (2.0 * LEVEL_OFFSETS)
+            self.information = math.exp(-step_s / max(0.5 * age_s, 100.0)) * self.information + scores**2
+            if self.window_s >= 15.0:
+                self.move_levels(age_s)
+
+    def move_levels(self, age_s):
+        weights, forgotten = PRIOR_SDS**-2.0, 1.0 - math.exp(-self.window_s / max(0.5 * age_s, 100.0))
+        score = (self.sums[0::2] - self.sums[1::2]) / (2.0 * LEVEL_OFFSETS)
+        step = (score + forgotten * weights * (np.array(PRIOR) - np.array(self.levels))) / (self.information + weights)
+        step *= min(MAX_LEVEL_STEP / np.abs(step).max(), 1.0)
+        self.levels = NoiseLevels(*np.clip(np.array(self.levels) + step, MIN_LEVELS, MAX_LEVELS))
+        self.sums, self.window_s = np.zeros(2 * LEVELS), 0.0
+
+
+def test_filter_agrees_with_the_plain_filter_in_waves_turns_and_gaps():
+    """At 115 s and 200 s the boat is turned by hand; at 260 s there is a gap of 40 s."""
+    rng, t_s, heading_rad = np.random.default_rng(7), 3.0, 1.0
+    f, plain = begin(t_s, heading_rad), PlainFilter(t_s, heading_rad)
+    for number in range(1400):
+        t_s += 40.0 if number == 1150 else float(rng.uniform(0.05, 0.4))
+        rudder_rad = 0.3 * math.sin(t_s / 11.0)
+        heading_rad += 0.002 * math.cos(t_s / 9.0) + 0.02 * (115.0 < t_s < 120.0) - 0.06 * (200.0 < t_s < 209.0)
+        wave_rad = 0.06 * math.sin(1.9 * t_s) * math.sin(0.05 * t_s) + 0.002 * float(rng.standard_normal())
+        f = update(f, OCEAN_RAMBLER, t_s, wrap(heading_rad + wave_rad), rudder_rad)
+        plain.update(t_s, wrap(heading_rad + wave_rad), rudder_rad)
+        if number % 50 == 0 or number > 1350:
+            assert f.levels == pytest.approx(plain.levels, rel=1e-9)
+            assert f.motion == pytest.approx(plain.motion, rel=1e-6, abs=1e-12)
+            assert f.innovation_square == pytest.approx(plain.innovation_square, rel=1e-9)
+            assert f.learning.information == pytest.approx(plain.information, rel=1e-6)
+    assert plain.unexplained_turns > 2
+    assert np.abs(np.subtract(plain.levels, PRIOR)).max() > 0.5
+
+
+def test_extra_filters_start_again_from_another_motion():
+    f = update_all(begin(0.0, 1.0), STEADY[:200])._replace(unexplained_s=1.0)
+    f = f._replace(learning=f.learning._replace(window_s=3.0, rudder_rad_s=0.5))
+    motion = f.motion._replace(heading_rad=2.0)
+    moved = heading_filter.with_motion(f, 120.0, motion)
+    assert [*moved.learning.motions] == [pytest.approx(motion)] * 12
+    learning = f.learning._replace(motions=moved.learning.motions, t_s=120.0, rudder_rad_s=0.0)
+    expected = f._replace(t_s=120.0, motion=motion, unexplained_s=0.0, learning=learning)
+    assert repr(moved) == repr(expected)
+
+
+def test_restarted_learning_begins_with_the_candidates_at_the_compass_heading():
+    f = update_all(begin(0.0, 1.0), STEADY[:200])._replace(unexplained_s=1.0)
+    restarted = heading_filter.with_learning_restarted(f)
+    learning = begin(f.t_s, f.motion.heading_rad + f.motion.wave_rad).learning
+    assert repr(restarted) == repr(f._replace(begun_s=f.t_s, learning=learning, unexplained_s=0.0))
+    assert [*learning.motions] == [
+        pytest.approx(heading_model.begin(f.motion.heading_rad + f.motion.wave_rad, levels)) for levels in CANDIDATES
+    ]
 
 
 @pytest.mark.parametrize(("age_s", "memory_s"), [(0.0, 100.0), (600.0, 300.0), (3600.0, 1800.0), (1e6, 1800.0)])
@@ -305,23 +416,13 @@ def sums_of(scores) -> np.ndarray:
     return np.column_stack([np.multiply(scores, LEVEL_OFFSETS), -np.multiply(scores, LEVEL_OFFSETS)]).ravel()
 
 
-def test_window_changes_the_levels_by_the_scoring_step():
-    rng = np.random.default_rng(1)
-    information, score = rng.uniform(0.0, 60.0, LEVELS), rng.standard_normal(LEVELS)
-    levels = NoiseLevels(*(level + 0.2 for level in PRIOR))
-    weight, forgotten = 1.0 / np.array(PRIOR_SDS) ** 2, 1.0 - math.exp(-15.0 / heading_filter.memory_s(2000.0))
-    step = (score + forgotten * weight * (np.array(PRIOR) - np.array(levels))) / (information + weight)
-    assert np.abs(step).max() < MAX_LEVEL_STEP
-    result = heading_filter.scoring_step(levels, information, sums_of(score), 15.0, 2000.0)
-    assert list(result) == pytest.approx(list(np.array(levels) + step), rel=1e-9)
-    assert {type(level) for level in result} == {float}
-
-
 def test_window_changes_levels_within_step_limit_and_bounds():
     zero = np.zeros(LEVELS)
     result = heading_filter.scoring_step(PRIOR, zero, sums_of((100.0, 0.0, 0.0, 0.0, 0.0, -100.0)), 15.0, 100.0)
     changes = [new - old for new, old in zip(result, PRIOR, strict=True)]
     assert max(map(abs, changes)) == pytest.approx(MAX_LEVEL_STEP)
     assert changes[5] < 0.0 < changes[0]
-    highest = NoiseLevels(*MAX_LEVELS)
-    assert heading_filter.scoring_step(highest, zero, sums_of((9.0,) * LEVELS), 15.0, 100.0) == highest
+    for bounds, sign in ((MIN_LEVELS, -1.0), (MAX_LEVELS, 1.0)):
+        near = NoiseLevels(*(bound - 0.001 * sign for bound in bounds))
+        result = heading_filter.scoring_step(near, zero, sums_of((900.0 * sign,) * LEVELS), 15.0, 100.0)
+        assert result == pytest.approx(bounds, abs=1e-12)

@@ -14,8 +14,6 @@ from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.model.kt import KtModel, rk4_step
 from support.heading_recording import discretize
 
-OUTLIER_SQUARE = 12.0
-
 N = 5
 UPPER = np.triu_indices(N)
 MODEL = KtModel(0.049, 4.0, 17.0, 0.0, 0.4)
@@ -139,32 +137,66 @@ def test_without_headings_wave_variances_stay_and_the_heading_diffuses():
     assert exact.p00 == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_correct_equals_the_kalman_filter_update(seed):
+def corrected(sensor, motion, levels, measured):
+    """Return the measurement row and noise variance of a sensor, and the results of the update with its value."""
+    if sensor == "compass":
+        result = heading_model.correct(motion, levels, measured)
+        return (1.0, 0.0, 0.0, 1.0, 0.0), math.exp(2.0 * levels.compass_noise), result
+    if sensor == "rate":
+        return (0.0, 1.0, 0.0, 0.0, 1.0), 0.003, heading_model.correct_rate(motion, measured, 0.003)
+    return (1.0, 0.0, 0.0, 0.0, 0.0), 0.05**2, (heading_model.correct_course(motion, measured, 0.05), None, None)
+
+
+@pytest.mark.parametrize("sensor", ["compass", "rate", "course"])
+@pytest.mark.parametrize("sds", [2.0, -3.4, 3.6, -5.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_correction_equals_the_kalman_filter_update_with_less_weight_for_outliers(seed, sds, sensor):
+    """Beyond 3.46 standard deviations, the variance is raised until its square is 12."""
     motion, levels, _ = draw_state(seed)
-    measurement, covariance = np.array([1.0, 0.0, 0.0, 1.0, 0.0]), covariance_of(motion)
-    variance = measurement @ covariance @ measurement + math.exp(2.0 * levels.compass_noise)
-    innovation_rad = 2.0 * math.sqrt(variance) * (-1.0) ** seed
-    heading_rad = measurement @ state_of(motion) + innovation_rad + 2.0 * math.pi * (seed - 2)
-    updated, result_rad, result_variance = heading_model.correct(motion, levels, heading_rad)
-    gain = covariance @ measurement / variance
-    assert (result_rad, result_variance) == pytest.approx((innovation_rad, variance), rel=1e-9)
-    assert state_of(updated) == pytest.approx(state_of(motion) + gain * innovation_rad, rel=1e-9)
-    assert covariance_of(updated) == pytest.approx(covariance - np.outer(gain, gain) * variance, rel=1e-6, abs=1e-12)
-
-
-def test_influence_of_an_outlier_decreases_with_its_size():
-    motion, levels = heading_model.begin(0.0, PRIOR)._replace(p00=1e-4, p01=1e-5), PRIOR
-    variance = heading_model.correct(motion, levels, 0.0)[2]
-    limit_rad = math.sqrt(OUTLIER_SQUARE * variance)
-    headings_rad = []
-    for factor in (1.0, 2.0, 4.0, 8.0):
-        updated, _, _ = heading_model.correct(motion, levels, factor * limit_rad)
-        headings_rad.append(updated.heading_rad)
-        assert updated.p00 < motion.p00
-    assert headings_rad == pytest.approx(
-        [headings_rad[0], headings_rad[0] / 2.0, headings_rad[0] / 4.0, headings_rad[0] / 8.0], rel=1e-9
+    measurement, noise, _ = corrected(sensor, motion, levels, 0.0)
+    measurement, covariance = np.array(measurement), covariance_of(motion)
+    variance = measurement @ covariance @ measurement + noise
+    innovation = sds * math.sqrt(variance)
+    turns_rad = 0.0 if sensor == "rate" else 2.0 * math.pi * (seed - 1)
+    measured = measurement @ state_of(motion) + innovation + turns_rad
+    _, _, (updated, *results) = corrected(sensor, motion, levels, float(measured))
+    if sensor != "course":
+        assert results == pytest.approx((innovation, variance), rel=1e-9)
+    cross, weight_variance = covariance @ measurement, max(variance, innovation**2 / 12.0)
+    assert state_of(updated) == pytest.approx(state_of(motion) + cross * innovation / weight_variance, rel=1e-9)
+    assert covariance_of(updated) == pytest.approx(
+        covariance - np.outer(cross, cross) / weight_variance, rel=1e-6, abs=1e-12
     )
+
+
+def test_first_state_has_the_wave_yaw_and_initial_standard_deviations():
+    """Heading 18 deg, yaw rate 3 deg/s, rudder bias 12.8 deg; the wave is that of the levels."""
+    levels = NoiseLevels(0.0, math.log(0.1), math.log(4.0), 0.0, 0.0, 0.0)
+    motion = heading_model.begin(0.7, levels)
+    assert state_of(motion) == pytest.approx([0.7, 0.0, 0.0, 0.0, 0.0])
+    sds = (math.radians(18.0), math.radians(3.0), math.radians(12.8), 0.1, 0.1 * math.pi / 2.0)
+    assert covariance_of(motion) == pytest.approx(np.diag(np.square(sds)), rel=1e-9)
+
+
+@pytest.mark.parametrize("step_s", [3.0, 60.0])
+def test_unstable_cubic_term_is_predicted_by_the_tangent_of_the_equation(step_s):
+    """With c = alpha r0^2, r + c r = (1 + 3 c) r - 2 c r0 near r0: a linear model with K and T divided by 1 + 3 c."""
+    motion, levels, rudder_rad = draw_state(1)
+    motion = motion._replace(yaw_rate_rad_s=0.3)
+    cubic = 17.0 * 0.3**2
+    divisor, offset_rad = 1.0 + 3.0 * cubic, 2.0 * cubic * 0.3 / 0.049
+    tangent = KtModel(0.049 / divisor, 4.0 / divisor, 0.0, 0.0, 0.4)
+    linear_levels = levels._replace(diffusion=levels.diffusion - 2.0 * math.log(divisor))
+    expected = heading_model.predict(motion, linear_levels, tangent, rudder_rad + offset_rad, step_s)
+    assert heading_model.predict(motion, levels, MODEL, rudder_rad, step_s) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("step_s", [0.5, 60.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_extrapolation_is_the_prediction_without_covariance(seed, step_s):
+    motion, levels, rudder_rad = draw_state(seed)
+    predicted = heading_model.predict(motion, levels, MODEL, rudder_rad, step_s)
+    assert heading_model.extrapolate(motion, MODEL, rudder_rad, step_s) == pytest.approx(predicted[:2], rel=1e-12)
 
 
 @given(
@@ -192,7 +224,8 @@ def test_log_likelihood_is_that_of_a_normal_distribution_up_to_the_outlier_limit
         density = math.exp(-0.5 * innovation_rad**2 / variance) / math.sqrt(2.0 * math.pi * variance)
         result = heading_model.log_likelihood(innovation_rad, variance) - 0.5 * math.log(2.0 * math.pi)
         assert result == pytest.approx(math.log(density), abs=1e-12)
-    assert heading_model.log_likelihood(1.0, 1e-4) == heading_model.log_likelihood(2.0, 1e-4)
+    at_limit = heading_model.log_likelihood(math.sqrt(12.0), 1.0)
+    assert at_limit == pytest.approx(-6.0) == heading_model.log_likelihood(9.0, 1.0)
 
 
 def test_unexplained_turn_raises_the_variances_of_yaw_rate_and_bias_only():
