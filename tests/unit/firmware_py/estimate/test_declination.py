@@ -33,7 +33,7 @@ DATED_PLACES = [
 
 
 def potential(position_km, years):
-    """Return the magnetic potential [nT km] at a position in the coordinates of the earth (equation 4 of the report)."""
+    """Return the magnetic potential [nT km] at a position in the coordinates of the earth (report, equation 4)."""
     x, y, z = position_km
     radius_km, longitude_rad = math.hypot(x, y, z), math.atan2(y, x)
     result = 0.0
@@ -46,9 +46,9 @@ def potential(position_km, years):
 
 @pytest.mark.parametrize(("latitude", "longitude", "year", "model_year"), DATED_PLACES)
 def test_field_is_the_gradient_of_the_potential(latitude, longitude, year, model_year):
-    lat, lon, flattening = math.radians(latitude), math.radians(longitude), 1.0 / 298.257223563
-    axis = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), (1.0 - flattening) ** 2 * math.sin(lat)])
-    position_km = 6378.137 * axis / math.sqrt(1.0 - flattening * (2.0 - flattening) * math.sin(lat) ** 2)
+    lat, lon, flat = math.radians(latitude), math.radians(longitude), 1.0 / 298.257223563
+    axis = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), (1.0 - flat) ** 2 * math.sin(lat)])
+    position_km = 6378.137 * axis / math.sqrt(1.0 - flat * (2.0 - flat) * math.sin(lat) ** 2)
     north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
     east = np.array([-math.sin(lon), math.cos(lon), 0.0])
     expected_nt = [

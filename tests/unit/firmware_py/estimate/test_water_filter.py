@@ -14,7 +14,6 @@ from firmware_py.estimate.water_results import (
     CurrentVerdict,
     advance_dead_reckoning,
     begin_dead_reckoning,
-    current_excess,
     dead_reckoning_sd,
     heading_from_track,
     judge_current,
@@ -138,15 +137,6 @@ def test_estimate_is_accurate_at_any_interval_of_positions(step_s, fix_s):
     assert boat.water.current_sd_m_s < 0.08
 
 
-def test_gap_of_10_min_raises_the_standard_deviation(boat):
-    sd_m_s = boat.water.current_sd_m_s
-    boat.sail(0.5, 600.0, fix_s=601.0)
-    assert sd_m_s < boat.water.current_sd_m_s < 0.1
-    boat.sail(0.5, 60.0)
-    assert math.isnan(boat.state.refused_t_s)
-    assert max(map(abs, boat.normalised_errors)) < 3.0
-
-
 def test_without_a_heading_speed_and_current_stay_and_the_position_is_uncertain(boat):
     previous, sd_m_s, north_variance_m2 = boat.water, boat.water.current_sd_m_s, boat.north_variance_m2
     boat.sail(2.0, 900.0, is_heading_known=False)
@@ -213,19 +203,6 @@ def test_current_is_too_strong_only_if_it_exceeds_the_speed():
     assert boat.verdict.too_strong == 0.0
 
 
-def test_verdict_is_constant_without_positions():
-    boat = Boat(0.5, (0.7, 0.4)).sail_square(4, 900.0, step_s=2.5)
-    later_s = boat.t_s + 1e4
-    assert judge_current(boat.verdict, boat.state, water_at(boat.state, later_s), later_s).too_strong == 1.0
-
-
-def test_current_excess_on_one_heading_has_a_large_standard_deviation():
-    boat = Boat(0.5, (0.9, 0.0)).sail(0.0, 3600.0)
-    excess_m_s, sd_m_s = current_excess(boat.water)
-    assert abs(excess_m_s - 0.4) < 3.0 * sd_m_s
-    assert sd_m_s > 0.2
-
-
 def test_errors_of_dead_reckoning_match_their_standard_deviation():
     errors = []
     for seed in range(5):
@@ -243,14 +220,6 @@ def test_errors_of_dead_reckoning_match_their_standard_deviation():
     assert np.mean(np.square(errors)) < 1.5
 
 
-def test_dead_reckoning_without_a_heading_follows_the_current():
-    boat = Boat(0.5, (0.15, -0.1)).sail_square(4)
-    dead_reckoning = begin_dead_reckoning(boat.state, boat.t_s)
-    blind, north_m_s, east_m_s = advance_dead_reckoning(dead_reckoning, math.nan, 600.0)
-    assert (north_m_s, east_m_s) == (dead_reckoning.current_north_m_s, dead_reckoning.current_east_m_s)
-    assert dead_reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
-
-
 def test_heading_from_the_track_matches_its_standard_deviation():
     boat, errors = Boat(0.5, (0.2, -0.2), 0.2, speed_sd_m_s=0.1).sail_square(4), []
     for number in range(60):
@@ -260,12 +229,6 @@ def test_heading_from_the_track_matches_its_standard_deviation():
         result_rad, sd_rad = heading_from_track(boat.state, boat.t_s, north_m, east_m, 30.0)
         errors.append(math.remainder(result_rad - heading_rad, 2.0 * math.pi) / sd_rad)
     assert 0.1 < np.mean(np.square(errors)) < 1.5
-
-
-def test_unusable_track_gives_no_heading():
-    boat = Boat(0.5, (0.0, 0.0)).sail_square(4)
-    for track in ((0.0, 0.0, 30.0), (300.0, 0.0, 30.0), (math.nan, 0.0, 30.0), (9.0, 9.0, 0.0)):
-        assert all(map(math.isnan, heading_from_track(boat.state, boat.t_s, *track))), track
 
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
