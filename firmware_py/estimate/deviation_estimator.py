@@ -71,7 +71,7 @@ class DeviationEstimator:
 
     def set_parameters(self, parameters: ParameterSet) -> None:
         """Use these parameters from the next tick on."""
-        if parameters is not self.parameters and parameters != self.parameters:
+        if parameters is not self.parameters:
             self.parameters = parameters
             self._settings = DeviationSettings.of(parameters)
 
@@ -87,9 +87,10 @@ class DeviationEstimator:
         for sample in inputs.positions:
             self._position, _ = position.update(self._position, sample, PositionSettings.of(self.parameters).jump_s)
         new_fix = None if self._position.fix is new_fix else self._position.fix
-        if new_fix is not None and new_fix.latitude_rad is not None and new_fix.longitude_rad is not None:
+        if new_fix is not None:
+            place = position.place_of(new_fix)
             self._declination = declination.update(
-                self._declination, new_fix.latitude_rad, new_fix.longitude_rad, new_fix.utc_s
+                self._declination, place.latitude_rad, place.longitude_rad, new_fix.utc_s
             )
         for heading in inputs.headings:
             if heading.source == 0 and math.isfinite(heading.heading_rad):
@@ -138,8 +139,9 @@ class DeviationEstimator:
         )
 
     def _smooth_heading(self, heading_rad: float, t_s: float) -> None:
-        step_s = MAX_STEP_S if self._heading_s is None else min(max(t_s - self._heading_s, 0.0), MAX_STEP_S)
-        gain = 1.0 if self._heading_s is None else -math.expm1(-step_s / SMOOTHING_S)
+        gain = 1.0
+        if self._heading_s is not None:
+            gain = -math.expm1(-min(max(t_s - self._heading_s, 0.0), MAX_STEP_S) / SMOOTHING_S)
         north, east = self._mean_vector
         self._mean_vector = (
             north + gain * (math.cos(heading_rad) - north),

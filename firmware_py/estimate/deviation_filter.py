@@ -24,8 +24,9 @@ from msgspec.structs import replace
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
+from firmware_py.common.records import HeadingSample, NorthReference, PositionSample
 from firmware_py.estimate.deviation import Deviation, deviation_rad, read_deviation
+from firmware_py.estimate.position import place_of
 
 BLOCK_S: Final = 60.0  # duration of an observation
 MAX_TURN_RAD: Final = radians(20.0)  # in a minute: in a faster turn the velocity lags behind the heading
@@ -193,8 +194,6 @@ def _with_heading(
 def _with_fix(minute: Minute, fix: PositionSample) -> Minute:
     """Return the minute with a fix added."""
     speed_m_s, course_rad = fix.speed_over_ground_m_s, fix.course_over_ground_rad
-    if fix.fix is FixType.NONE:
-        return minute
     if speed_m_s is None:
         return replace(minute, first_fix=minute.first_fix or fix, last_fix=fix)
     course_rad = course_rad or 0.0  # receivers state no course at rest
@@ -215,11 +214,9 @@ def _velocity(minute: Minute) -> tuple[float, float] | None:
     first, last = minute.first_fix, minute.last_fix
     if number or first is None or last is None or last.t_s - first.t_s < 0.75 * BLOCK_S:
         return None
-    if None in (first.latitude_rad, first.longitude_rad, last.latitude_rad, last.longitude_rad):
-        return None
-    latitude_rad, duration_s = last.latitude_rad or 0.0, last.t_s - first.t_s
-    north_rad = latitude_rad - (first.latitude_rad or 0.0)
-    east_rad = math.cos(latitude_rad) * wrap_pi((last.longitude_rad or 0.0) - (first.longitude_rad or 0.0))
+    start, end, duration_s = place_of(first), place_of(last), last.t_s - first.t_s
+    north_rad = end.latitude_rad - start.latitude_rad
+    east_rad = math.cos(end.latitude_rad) * wrap_pi(end.longitude_rad - start.longitude_rad)
     north_m_s, east_m_s = EARTH_RADIUS_M * north_rad / duration_s, EARTH_RADIUS_M * east_rad / duration_s
     return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= MAX_VELOCITY_M_S else None
 

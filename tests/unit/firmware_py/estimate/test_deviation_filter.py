@@ -5,6 +5,7 @@ import random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI, degrees, radians
 from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
@@ -72,38 +73,6 @@ def test_errors_match_their_standard_deviations():
     assert 0.1 < np.sqrt(np.mean(normalised**2)) < 1.6
 
 
-def update_all(ticks):
-    """Return the state after ticks of 1 s with these compass headings, speeds, courses and smoothed headings."""
-    state = DeviationState()
-    for t_s, (compass_rad, speed_m_s, course_rad, heading_rad) in enumerate(ticks):
-        sample = HeadingSample(float(t_s), compass_rad, NorthReference.TRUE)
-        fix = PositionSample(float(t_s), FixType.FIX_3D, 0.0, 0.0, 0.0, speed_m_s, course_rad)
-        inputs = DeviationInput((sample,), 0.0, fix, heading_rad, (0.0, 0.0, 0.5))
-        state = deviation_filter.update(NO_CORRECTION, state, inputs, float(t_s))
-    return state
-
-
-def test_a_turn_gives_no_observation():
-    headings_rad = [math.radians(tick) for tick in range(1800)]
-    state = update_all((angle % TWO_PI, 0.5, angle % TWO_PI, angle) for angle in headings_rad)
-    assert sum(state.sectors) == 0
-    assert deviation_filter.result(NO_CORRECTION, state) is None
-
-
-@pytest.mark.parametrize(("speed", "course"), [(math.nan, 0.0), (1e9, 0.0), (0.5, math.nan), (-1.0, 0.0)])
-def test_impossible_velocities_are_ignored(speed, course):
-    state = update_all((math.nan if tick % 2 else 1.0, speed, course, 1.0) for tick in range(200))
-    assert deviation_filter.result(NO_CORRECTION, state) is None
-
-
-def test_angle_of_a_gyroscope_is_no_heading():
-    fix = PositionSample(1.0, FixType.FIX_3D, 0.0, 0.0, 0.0, 0.5, 0.5)
-    for reference, is_used in ((NorthReference.MAGNETIC, True), (NorthReference.RELATIVE, False)):
-        inputs = DeviationInput((HeadingSample(1.0, 0.5, reference),), 0.0, fix, 0.5, (0.0, 0.0, 0.5))
-        state = deviation_filter.update(NO_CORRECTION, DeviationState(), inputs, 1.0)
-        assert (state.minute is not None) is is_used
-
-
 def test_a_changed_mounting_angle_restarts_the_filter():
     state, inputs = sail([0.5]), DeviationInput((), 0.0, None, 0.5, (0.0, 0.0, 0.5))
     assert deviation_filter.update(NO_CORRECTION, state, inputs, 1e5).x
@@ -124,3 +93,143 @@ def test_proposal_needs_8_sectors_and_three_quarters_of_a_degree(sectors_sailed,
     assert estimate.ready is is_ready
     assert estimate.sd_rad == pytest.approx(radians(sd_deg))
     assert estimate.off_rad == pytest.approx(max(abs(deviation_rad(DEVIATION, TWO_PI * n / 36)) for n in range(36)))
+
+
+START, SWING = DeviationState(), DeviationSettings(0.0, DEVIATION)
+
+
+def sail_minute(
+    state=START,
+    *,
+    heading_deg=40.0,
+    headings=61,
+    fixes=61,
+    seconds=60,
+    turn_deg=0.0,
+    speed_m_s=0.5,
+    course_rad=0.5,
+    source=0,
+    reference=NorthReference.MAGNETIC,
+    moves_for_s=60,
+    start_s=1000.0,
+):
+    """Return the state after ticks of 1 s; without a speed, the positions move by 0.5 m/s for a time."""
+    for tick in range(seconds + 1):
+        t_s, angle_rad = start_s + tick, math.radians(heading_deg + 3.0 * math.sin(tick))
+        samples = (HeadingSample(t_s, angle_rad, reference, source=source),) if tick < headings else ()
+        way_rad = 0.5 * tick / 6371000.0
+        place = (0.7 + way_rad * math.cos(0.5), -3.1 + way_rad * math.sin(0.5) / math.cos(0.7))
+        fix = PositionSample(t_s, FixType.FIX_3D, *place, 0.0, speed_m_s, course_rad)
+        has_fix = tick < fixes if speed_m_s is not None else tick <= moves_for_s
+        smoothed_rad = math.radians(heading_deg) + (math.radians(turn_deg) if tick == 30 else 0.0)
+        inputs = DeviationInput(samples, 0.2, fix if has_fix else None, smoothed_rad, (0.05, -0.1, 0.5))
+        state = deviation_filter.update(SWING, state, inputs, t_s)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("options", "is_used"),
+    [
+        ({}, True),
+        ({"seconds": 59}, False),
+        ({"headings": 20}, True),
+        ({"headings": 19}, False),
+        ({"fixes": 5}, True),
+        ({"fixes": 4}, False),
+        ({"turn_deg": 19.5}, True),
+        ({"turn_deg": 20.5}, False),
+        ({"turn_deg": -20.5}, False),
+        ({"source": 1}, False),
+        ({"reference": NorthReference.RELATIVE}, False),
+        ({"heading_deg": math.nan}, False),
+        ({"speed_m_s": 0.0, "course_rad": None}, True),
+        ({"speed_m_s": 10.0}, True),
+        ({"speed_m_s": 10.1}, False),
+        ({"speed_m_s": -0.1}, False),
+        ({"speed_m_s": math.nan}, False),
+        ({"course_rad": 12.5}, True),
+        ({"course_rad": -12.6}, False),
+        ({"course_rad": math.nan}, False),
+        ({"speed_m_s": None}, True),
+        ({"speed_m_s": None, "moves_for_s": 45}, True),
+        ({"speed_m_s": None, "moves_for_s": 44}, False),
+        ({"speed_m_s": None, "moves_for_s": -1}, False),
+    ],
+)
+def test_minute_needs_headings_velocities_and_a_straight_course(options, is_used):
+    assert sum(sail_minute(**options).sectors) == is_used
+
+
+@pytest.mark.parametrize("speed_m_s", [0.5, None])
+def test_minute_has_the_means_of_velocity_and_basis_functions(speed_m_s):
+    state = sail_minute(speed_m_s=speed_m_s, heading_deg=359.0)
+    angles = np.radians([359.0 + 3.0 * math.sin(tick) for tick in range(61)])
+    basis = [np.mean(np.sin(angles)), np.mean(np.cos(angles)), np.mean(np.sin(2 * angles)), np.mean(np.cos(2 * angles))]
+    time_s, compass_rad, *values = state.last_minute
+    assert (time_s, math.remainder(compass_rad - np.mean(angles) - 0.2, TWO_PI)) == pytest.approx((1060.0, 0.0))
+    assert values == pytest.approx([*basis, 0.5 * math.cos(0.5), 0.5 * math.sin(0.5)], rel=1e-5)
+    assert state.sectors == (1, *(0,) * 11)
+    true = sail_minute(reference=NorthReference.TRUE).last_minute[1]
+    assert sail_minute().last_minute[1] - true == pytest.approx(0.2)
+
+
+class PlainSwing:
+    """The Kalman filter of the module's text, with matrices, from the minutes of another filter."""
+
+    def __init__(self):
+        self.x = np.array([*DEVIATION, 0.05, -0.1, 0.5])
+        self.p = np.diag(np.square([*np.radians([20.0, 12.0, 12.0, 6.0, 6.0]), 0.4, 0.4, 0.3]))
+        self.noise, self.leg, self.t_s = np.full(2, 2.0 * math.log(0.05)), None, None
+
+    def update(self, t_s, compass_rad, *values):
+        if self.t_s is not None:
+            rates = np.array([*[math.radians(0.1) ** 2 / 86400.0] * 5, 2e-7, 2e-7, 1e-6])
+            self.p = self.p + np.diag(rates) * min(t_s - self.t_s, 6.0 * 3600.0)
+        self.t_s, basis, velocity = t_s, np.array([1.0, *values[:4]]), np.array(values[4:])
+        course_rad = compass_rad + basis @ self.x[:5]
+        if self.leg is None or abs(math.remainder(course_rad - self.leg[0], TWO_PI)) > math.radians(12.0):
+            self.leg = (course_rad, max(self.x[7], 0.1) * basis)
+        axes = np.array(
+            [[math.cos(self.leg[0]), math.sin(self.leg[0])], [-math.sin(self.leg[0]), math.cos(self.leg[0])]]
+        )
+        rows = np.zeros((2, 8))
+        rows[:, 5:7], rows[0, 7], rows[1, :5] = axes, 1.0, self.leg[1]
+        through_m_s = self.x[7] * np.array([math.cos(course_rad), math.sin(course_rad)])
+        errors, before = axes @ (velocity - self.x[5:7] - through_m_s), self.x
+        for axis, row in enumerate(rows):
+            innovation, cross = errors[axis] - row @ (self.x - before), self.p @ row
+            variance = row @ cross + math.exp(self.noise[axis])
+            square = innovation**2 / variance
+            self.noise[axis] = max(self.noise[axis] + 0.05 * (min(square, 9.0) - 1.0), 2.0 * math.log(0.003))
+            variance *= max(1.0, square / 9.0)
+            self.x = self.x + cross * innovation / variance
+            self.p = self.p - np.outer(cross, cross) / variance
+
+
+def test_filter_agrees_with_the_plain_filter():
+    """Legs differ by 2 to 50 deg; there are outliers, a gap of a day, and at last a speed of 0."""
+    state, plain, rng, heading_deg, start_s = DeviationState(), PlainSwing(), random.Random(3), 10.0, 0.0
+    minutes, sectors, legs = 220, [0] * 12, set()
+    for number in range(minutes):
+        if number == 200:  # nearly at the lowest noise, 3 mm/s
+            plain.noise[:] = 2.0 * math.log(0.00301)
+            state = replace(state, log_noise=tuple(plain.noise))
+        heading_deg += rng.uniform(2.0, 14.0) * (number % 4 == 0) + 50.0 * (number % 20 == 0)
+        start_s += 60.0 if number != 60 else 86400.0
+        course_rad = math.radians(heading_deg) + 0.25 + 0.05 * rng.gauss(0.0, 1.0)
+        speed_m_s = (0.6 if number % 11 else 1.6) + 0.03 * rng.gauss(0.0, 1.0) if number < 150 else 1e-3
+        state = sail_minute(
+            state, heading_deg=heading_deg, start_s=start_s, seconds=61, headings=60, speed_m_s=speed_m_s,
+            course_rad=course_rad % TWO_PI,
+        )  # fmt: skip
+        plain.update(*state.last_minute)
+        sectors[int(state.last_minute[1] % TWO_PI / TWO_PI * 12.0)] += 1
+        legs.add(state.leg)
+        assert state.x == pytest.approx(plain.x, rel=1e-6, abs=1e-9)
+        assert np.frombuffer(state.p).reshape(8, 8) == pytest.approx(plain.p, rel=1e-6, abs=1e-12)
+        assert state.log_noise == pytest.approx(plain.noise, rel=1e-9)
+        assert state.leg[1:] == pytest.approx(plain.leg[1])
+        assert state.sectors == tuple(sectors)
+    assert min(state.log_noise) == pytest.approx(2.0 * math.log(0.003))
+    assert len(legs) > 20
+    assert state.x[7] < 0.1

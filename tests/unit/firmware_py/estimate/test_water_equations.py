@@ -272,7 +272,7 @@ TURNED, NOT_TURNED = CurrentVerdict(98.0, 118.0, 0.0, 1.0, 0.0, 1.0), CurrentVer
 STRONG = CurrentVerdict(98.0, 118.0, 1.0, 1.0, 0.0, 1.0)
 
 
-def judged(verdict=CurrentVerdict(98.0, 118.0, 0.0, 1.0, 0.0, 1.0), age_s=0.0, heading=0.0, excess_sds=2.4, north=-1.0):
+def judged(verdict=TURNED, age_s=0.0, heading=0.0, excess_sds=2.4, north=-1.0):
     """Return the verdict at 100 s + age_s; the boat has sailed on one heading at 0.5 m/s since the last position."""
     state = begin(100.0, 0.0, 0.0, 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)._replace(known_s=150.0)
     state = state._replace(cosine_s=150.0 * math.cos(heading), sine_s=150.0 * math.sin(heading))
