@@ -24,6 +24,8 @@ def store_mission(rig, *, is_reported=True):
 @pytest.mark.parametrize(("number", "limit"), [(0, 90.0), (1, 180.0), (2, 1e4)])
 def test_positions_of_home_and_goals_have_limits(number, limit):
     assert home_request(45.0, 9.0, math.nan).altitude_m == 0.0
+    assert not isinstance(home_request(0.0, 9.0, 2.0), str)
+    assert not isinstance(home_request(45.0, 0.0, 2.0), str)
     for value, is_valid in ((limit, True), (-limit, True), (1.0001 * limit, False), (-1.0001 * limit, False)):
         position = [45.0, 9.0, 2.0]
         position[number] = value

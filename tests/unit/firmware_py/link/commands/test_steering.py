@@ -18,6 +18,9 @@ FIX = {"position": PositionSample(0.0, FixType.FIX_3D, math.radians(40), math.ra
 METRES_PER_DEGREE = math.radians(1.0) * EARTH_RADIUS_M
 
 
+PITCH_UP = 0.5 * math.acos(0.0098)  # half of the pitch
+
+
 def about(angle_rad):
     return pytest.approx(angle_rad, abs=1e-6)
 
@@ -71,7 +74,9 @@ def test_heading_goal_is_the_yaw_of_the_attitude(rig, yaw_rad, roll_rad, pitch_r
         attitude((INF, 0, 0, 0)),
         attitude((3e38, 3e38, 3e38, 3e38)),
         attitude((1, 1, 1, 1)),
-        attitude((0.98, 0, 0, 0)),
+        attitude((0.989, 0, 0, 0)),
+        attitude((1.011, 0, 0, 0)),
+        attitude((math.cos(PITCH_UP), 0, math.sin(PITCH_UP), 0)),
         attitude((math.sqrt(0.5), 0, math.sqrt(0.5), 0)),  # bow straight up
         attitude((1, 0, 0, 0), mask=0b1000_0000),
     ],
@@ -80,6 +85,63 @@ def test_attitude_without_a_heading_is_refused(rig, texts, message):
     (text,) = texts(rig.tell(message))
     assert text.startswith("SET_ATTITUDE_TARGET: ")
     assert rig.request_handler.intents == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [attitude((math.cos(half), 0, math.sin(half), 0)) for half in (0.0, 0.5 * math.acos(0.0105))]
+    + [attitude((0.9905, 0, 0, 0)), attitude((1.0095, 0, 0, 0))],
+)
+def test_attitude_nearly_upright_or_normalized_has_a_heading(rig, message):
+    assert rig.tell(message) == []
+    assert rig.request_handler.intents == [SteerHeading(about(0.0))]
+
+
+BY_VELOCITY, BY_YAW = SteerHeading(about(math.pi / 2), over_ground=True), SteerHeading(about(1.5))
+
+
+@pytest.mark.parametrize(
+    ("mask", "goal"),
+    [
+        (0b1, BY_VELOCITY), (0b10, BY_VELOCITY), (0b11, BY_VELOCITY), (0b01_0011, BY_YAW), (0b0_1011, BY_YAW),
+        (0xFBFF, BY_YAW), (0b100_0001_0011, None),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("make", [local, over_globe])
+def test_each_bit_of_a_mask_ignores_its_field(rig, make, mask, goal):
+    rig.tick()
+    rig.tell(make(mask, vy=1.0, yaw=1.5))
+    assert rig.request_handler.intents == ([] if goal is None else [goal])
+
+
+@pytest.mark.parametrize("frame", range(22))
+def test_frames_of_positions(rig, frame):
+    fix = FIX["position"]
+    rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
+    rig.tell(over_globe(POSITION_ONLY, frame=frame, lat=10**8, lon=10**8))
+    assert len(rig.request_handler.intents) == (frame in (0, 3, 5, 6, 10, 11))
+    rig.request_handler.requests.clear()
+    rig.tell(local(POSITION_ONLY, frame=frame, x=1.0))
+    assert len(rig.request_handler.intents) == (frame in (1, 7, 8, 9, 12))
+
+
+@pytest.mark.parametrize(
+    ("fields", "is_accepted"),
+    [
+        *(({"mask": POSITION_ONLY, axis: sign * 1e5}, True) for axis in "xy" for sign in (1, -1)),
+        *(({"mask": POSITION_ONLY, axis: sign * 1.0001e5}, False) for axis in "xy" for sign in (1, -1)),
+        *(({"mask": VELOCITY_ONLY, axis: sign * 1e3}, True) for axis in ("vx", "vy") for sign in (1, -1)),
+        *(({"mask": VELOCITY_ONLY, axis: sign * 1001.0}, False) for axis in ("vx", "vy") for sign in (1, -1)),
+        ({"mask": VELOCITY_ONLY, "vx": 0.00105}, True),
+        ({"mask": VELOCITY_ONLY, "vx": 0.00099}, False),
+        *(({"mask": YAW_ONLY, "yaw": sign * 6.283}, True) for sign in (1, -1)),
+        *(({"mask": YAW_ONLY, "yaw": sign * 6.284}, False) for sign in (1, -1)),
+    ],
+)
+def test_values_of_local_targets_have_limits(rig, fields, is_accepted):
+    rig.tick(**FIX, home=Home(0.0, 0.0, 0.0))
+    rig.tell(local(**fields))
+    assert len(rig.request_handler.intents) == is_accepted
 
 
 @pytest.mark.parametrize(
@@ -122,13 +184,20 @@ def test_local_positions_are_relative_to_home_or_to_the_boat(rig, frame, x, y, n
 
 @pytest.mark.parametrize("frame", [1, 7, 9])
 def test_local_positions_need_a_position(rig, texts, frame):
-    assert "for a relative goal" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
+    for changes in (
+        {},
+        FIX | {"position_ok": False},
+        {"position": PositionSample(0.0, FixType.FIX_3D), "position_ok": True},
+    ):
+        rig.tick(seconds=100.0, **changes)
+        assert "for a relative goal" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
     assert rig.request_handler.intents == []
 
 
 def test_body_frames_need_a_heading(rig, texts):
-    rig.tick(heading_ok=False)
-    assert len(texts(rig.tell(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
+    for changes in ({"heading_ok": False}, {"heading_rad": None}):
+        rig.tick(seconds=100.0, **changes)
+        assert len(texts(rig.tell(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
     assert rig.request_handler.intents == []
 
 
@@ -159,6 +228,17 @@ def test_repeated_refusals_are_reported_once(rig, texts):
     replies = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
     assert texts(replies) == ["not in GUIDED"]
     assert len(rig.request_handler.intents) == 50
+
+
+@pytest.mark.parametrize(("others", "wait_s", "count"), [(127, 1.9, 128), (128, 1.9, 130), (0, 2.0, 2)])
+def test_relative_goals_are_compared_with_the_last_128_of_two_seconds(rig, others, wait_s, count):
+    goal = rig.frame(local(VELOCITY_ONLY, frame=7, vx=1.0))
+    rig.give(goal)
+    for _ in range(others):
+        rig.tell(local(VELOCITY_ONLY, frame=7, vx=1.0))
+    rig.now_s += wait_s
+    rig.give(goal)
+    assert len(rig.request_handler.intents) == count
 
 
 def test_local_positions_are_refused_near_the_poles(rig, texts):

@@ -40,8 +40,9 @@ def test_invalid_waypoint_is_refused(rig, message, result):
     assert rig.request_handler.intents == []
 
 
-def test_refusal_of_the_loop_is_sent_with_its_reason(rig, texts):
-    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
+@pytest.mark.parametrize(("reason", "text"), [("not in GUIDED",) * 2, ("", "guided waypoint refused")])
+def test_refusal_of_the_loop_is_sent_with_its_reason(rig, texts, reason, text):
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, reason)
     replies = rig.tell(int_item(1, 1))
     assert replies[0].type == mavlink.MAV_MISSION_DENIED
-    assert texts(replies) == ["not in GUIDED"]
+    assert texts(replies) == [text]
