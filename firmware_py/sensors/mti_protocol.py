@@ -123,7 +123,7 @@ class _ByteSum:
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._sums = [0]  # sum of all bytes before each index
+        self._sums = [0]  # sum of all bytes since the start before each index
 
     def extend(self, data: bytes) -> None:
         """Note bytes that were appended to the buffer."""
@@ -131,10 +131,7 @@ class _ByteSum:
 
     def drop(self, count: int) -> None:
         """Note that bytes were removed from the start of the buffer."""
-        if count == len(self._sums) - 1:
-            self._sums = [0]  # limits the size of the numbers
-        else:
-            del self._sums[:count]
+        del self._sums[:count]
 
     def is_packet(self, _buffer: bytearray, begin: int, end: int) -> bool:
         """Return whether buffer[begin:end] is a complete packet."""

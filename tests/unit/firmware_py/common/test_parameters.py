@@ -58,6 +58,9 @@ def test_unknown_name_is_rejected_with_similar_names():
         ParameterSet().replaced("CTL_K3", 1.0)
     assert similar_names("ctl_k3") == ("CTL_K1", "CTL_K2", "CTL_HOLD_S")
     assert similar_names("LIMIT_DEG")[0] == "RUD_LIMIT_DEG"
+    # The first 16 characters are compared.
+    assert similar_names("ZZZZZZ_LIMIT_DEG") == similar_names("Z_LIMIT_DEG")
+    assert similar_names("ZZZZZZZ_LIMIT_DEG") == similar_names("Z_LIMIT_DE")
 
 
 def test_fractions_of_integers_and_unknown_choices_are_rejected():
@@ -85,6 +88,16 @@ def test_formatted_values_are_exact_in_single_precision(value):
     assert to_single(float(format_value(value))) == value
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(5.0, "5"), (-3.0, "-3"), (2.5, "2.5"), (to_single(0.1), "0.1"), (to_single(1 / 3), "0.33333334"),
+     (999_999_936.0, "999999936"), (1e9, "1e+09"), (-1e9, "-1e+09"), (to_single(1e-30), "1e-30"),
+     (to_single(16777216.1), "16777216"), (3.4028234663852886e38, "3.4028234663852886e+38")],
+)  # fmt: skip
+def test_values_are_written_with_the_fewest_digits(value, text):
+    assert format_value(value) == text
+
+
 def test_formats_of_ground_stations():
     text = "# from QGroundControl\n1\t1\tCTL_K1\t41\t9\nCTL_K2 0.5\nLOOP_RATE_HZ,20\n\n"
     assert parse_file(text, "x") == {"CTL_K1": 41.0, "CTL_K2": 0.5, "LOOP_RATE_HZ": 20.0}
@@ -94,6 +107,12 @@ def test_formats_of_ground_stations():
     ("line", "reason"),
     [
         ("CTL_K1", "NAME VALUE"),
+        ("CTL_K1 1 2", "NAME VALUE"),
+        ("1 1 CTL_K1 1", "NAME VALUE"),
+        ("1 1 CTL_K1 1 9 9", "NAME VALUE"),
+        ("x" * 61, f"found '{'x' * 60}'"),
+        ("CTL_K1 " + "y" * 31, f"'{'y' * 30}' is not a number"),
+        ("N" * 31 + " 1", f"unknown parameter '{'N' * 30}'"),
         ("CTL_K1 forty", "not a number"),
         ("CTL_KK 1", "unknown parameter"),
         ("CTL_K1 1e300", "out of range"),

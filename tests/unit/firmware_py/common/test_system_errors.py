@@ -35,6 +35,11 @@ def with_cause(error, cause):
             UnicodeEncodeError("utf-8", "B\udcf8t/", 1, 2, "surrogates not allowed"),
             "name 'B\\udcf8': not representable",
         ),
+        (
+            UnicodeEncodeError("utf-8", "x" * 10 + "y" * 30 + "\udcf8t", 40, 41, "surrogates not allowed"),
+            f"name '{'y' * 30}\\udcf8': not representable",
+        ),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "a disk is full (see df)"),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; use another path"),
     ],
 )
@@ -46,7 +51,15 @@ def test_text_of_a_system_error_is_one_line_with_a_remedy(error, expected_start)
 
 
 @pytest.mark.parametrize(
-    "error", [RuntimeError("a mistake"), ValueError("x"), OSError(errno.EIO, os.strerror(errno.EIO)), ImportError("x")]
+    "error",
+    [
+        RuntimeError("a mistake"),
+        ValueError("x"),
+        OSError(errno.EIO, os.strerror(errno.EIO)),
+        ImportError("x"),
+        FileNotFoundError("x"),
+        UnicodeEncodeError("ascii", "\xe9", 0, 1, "ordinal not in range(128)"),
+    ],
 )
 def test_other_errors_have_no_text(error):
     assert system_error_text(error) == ""

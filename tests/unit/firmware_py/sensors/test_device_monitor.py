@@ -64,6 +64,13 @@ def test_external_texts_are_truncated_and_printable(line, monitor):
         assert text.isprintable()
 
 
+def test_timeout_is_two_and_a_half_intervals_of_the_messages(monitor):
+    for second in range(100, 111):
+        monitor.accept(float(second))
+    assert monitor.health(112.5).state is DeviceState.RUNNING
+    assert monitor.health(112.6).state is DeviceState.SILENT
+
+
 def test_only_printable_ascii_characters_are_kept(monitor):
     monitor.reject(0.0, "\x1f ~\x7f")
     assert monitor.health(0.0).text == "? ~?"

@@ -6,7 +6,6 @@ from pynmeagps import NMEAReader
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.nmea_sentences import TABLE, decode_sentence
-from firmware_py.sensors.nmea_transducers import QUANTITIES
 
 
 def decode(raw):
@@ -170,24 +169,6 @@ def test_known_transducer_with_an_invalid_value_is_rejected(nmea, body):
         decode(nmea(body))
 
 
-def test_limits_of_the_transducers():
-    limits = {
-        (-180.0, 180.0): "pitch_deg roll_deg heel_deg leeway_deg",
-        (-90.0, 90.0): "trim_deg rudder_deg",
-        (-360.0, 360.0): "yaw_deg",
-        (0.0, 360.0): "wind_angle_deg",
-        (0.0, 200.0): "wind_speed_m_s",
-        (-100.0, 100.0): "air_temperature_c inside_temperature_c",
-        (-10.0, 100.0): "water_temperature_c",
-        (-150.0, 100.0): "wind_chill_relative_c wind_chill_theoretical_c",
-        (-150.0, 150.0): "heat_index_c",
-        (5e4, 1.5e5): "air_pressure_pa",
-        (0.0, 100.0): "humidity_percent inside_humidity_percent",
-    }
-    expected = {name: limit for limit, names in limits.items() for name in names.split()}
-    assert {name: (row.low, row.high) for name, row in QUANTITIES.items()} == expected
-
-
 def test_sentences_that_are_not_in_the_table_are_none(nmea):
     assert decode(nmea("GPGSV,1,1,00")) is None
     assert decode(nmea("GPHDTX,1")) is None
@@ -234,6 +215,13 @@ DEGREES = (0, 360)
             (",,,,,,,,,,{},C", -100, 100), (",,,,,,,,,,,,{},T", *DEGREES), (",,,,,,,,,,,,,,{},M", *DEGREES))),
         ("SDDPT,{},", 0, 12e3), ("SDDPT,,{}", -100, 100), ("SDDBT,,f,{},M,,F", 0, 12e3), ("SDDBS,{},f,,M,,F", 0, 4e4),
         ("SDDBK,,f,,M,{},F", 0, 7e3),
+        *((f"YXXDR,A,{{}},D,{name}", -180, 180) for name in ("PTCH", "ROLL", "HEEL", "LEEWAY")),
+        *((f"YXXDR,C,{{}},C,{name}", -100, 100) for name in ("AIRTEMP", "ENV_INSIDE_T")),
+        *((f"YXXDR,C,{{}},C,{name}", -150, 100) for name in ("WCHR", "WCHT")),
+        *((f"YXXDR,H,{{}},P,{name}", 0, 100) for name in ("AIR", "ENV_INSIDE_H")),
+        ("YXXDR,A,{},D,TRIM", -90, 90), ("YXXDR,A,{},D,RUDDER", -90, 90), ("YXXDR,A,{},D,YAW", -360, 360),
+        ("YXXDR,A,{},D,1", *DEGREES), ("YXXDR,S,{},M,1", 0, 200), ("YXXDR,C,{},C,SEA_T", -10, 100),
+        ("YXXDR,C,{},C,HINX", -150, 150), ("YXXDR,P,{},P,BARO", 5e4, 1.5e5),
     ],
 )  # fmt: skip
 def test_values_beyond_their_limits_are_rejected(nmea, body, low, high):
