@@ -6,8 +6,6 @@ import pytest
 
 from firmware_py.safety.convergence import IDLE, update
 
-DETECTION_TIME_S = 300.0
-
 LIMIT_RAD = math.radians(30.0)
 
 
@@ -25,14 +23,14 @@ def report_times_s(error_deg, rudder_deg, seconds=900):
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_large_error_at_full_rudder_is_reported_once_after_5_min(side):
-    assert report_times_s(lambda t: side * (70.0 + 4.0 * math.sin(t)), lambda _: side * 30.0) == [DETECTION_TIME_S]
+    assert report_times_s(lambda t: side * (70.0 + 4.0 * math.sin(t)), lambda _: side * 30.0) == [300]
 
 
 @pytest.mark.parametrize(
     ("error_deg", "rudder_deg"),
     [
-        (lambda _: 14.0, lambda _: 30.0),
-        (lambda _: 70.0, lambda _: 27.0),
+        (lambda _: 14.9, lambda _: 30.0),
+        (lambda _: 70.0, lambda _: 28.4),
         (lambda _: 70.0, lambda _: -30.0),
         (lambda t: 180.0 - 0.03 * t, lambda _: 30.0),
         (lambda t: math.nan if t % 200 == 0 else 70.0, lambda _: 30.0),
@@ -43,8 +41,16 @@ def test_converging_heading_is_not_reported(error_deg, rudder_deg):
     assert report_times_s(error_deg, rudder_deg) == []
 
 
-def test_decrease_of_the_error_restarts_the_time():
-    assert report_times_s(lambda t: 70.0 if t < 400 else 50.0, lambda _: 30.0) == [
-        DETECTION_TIME_S,
-        400 + DETECTION_TIME_S,
-    ]
+@pytest.mark.parametrize("error_deg", [15.1, 70.0, 180.0])
+def test_rudder_is_at_its_limit_from_95_percent(error_deg):
+    assert report_times_s(lambda _: error_deg, lambda _: 28.6) == [300]
+
+
+@pytest.mark.parametrize(("decrease_deg", "restart_s"), [(4.9, 0), (5.1, 200)])
+def test_decrease_of_the_error_by_5_deg_restarts_the_time(decrease_deg, restart_s):
+    times_s = report_times_s(lambda t: 70.0 if t < 200 else 70.0 - decrease_deg, lambda _: 30.0, seconds=600)
+    assert times_s == [restart_s + 300]
+
+
+def test_convergence_after_a_report_ends_it():
+    assert report_times_s(lambda t: 70.0 if t < 400 else 50.0, lambda _: 30.0) == [300, 400 + 300]

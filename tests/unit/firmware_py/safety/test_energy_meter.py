@@ -32,10 +32,26 @@ def test_encoder_noise_is_travel_but_no_reversal():
     assert state.travel_rad == pytest.approx(0.999)
 
 
-def test_gap_of_the_servo_feedback_adds_no_energy():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("back_deg", "reversals"), [(0.49, 0), (0.51, 1)])
+def test_movement_of_half_a_degree_in_the_opposite_direction_is_a_reversal(side, back_deg, reversals):
+    angles_deg = (0.0, 5.0, 10.0, 10.0 - back_deg, 10.0 - back_deg)
+    assert run(EnergyMeterState(), [side * math.radians(angle) for angle in angles_deg]).reversals == reversals
+
+
+@pytest.mark.parametrize(("gap_s", "energy_j"), [(-0.1, 10.0), (0.0, 10.0), (1.9, 29.0), (2.1, 10.0), (100.0, 10.0)])
+def test_gap_of_more_than_2_s_in_the_servo_feedback_adds_no_energy(gap_s, energy_j):
     state = run(EnergyMeterState(), [0.0] * 11, 10.0)
     assert state.energy_j == pytest.approx(10.0)
-    assert run(state, [0.0] * 11, 10.0, start_s=100.0).energy_j == pytest.approx(20.0)
+    assert run(state, [0.0], 10.0, start_s=1.0 + gap_s).energy_j == pytest.approx(energy_j)
+
+
+def test_values_per_hour_decrease_to_an_eth_in_an_hour():
+    state = EnergyMeterState(recent_s=3600.0, recent_rad=1.0, recent_reversals=2.0, angle_rad=0.0)
+    energy = report(run(state, [0.0], step_s=3600.0), is_torque_released=False)
+    share = math.exp(-1.0) / (1.0 + math.exp(-1.0))
+    assert (energy.travel_rad_per_h, energy.reversals_per_h) == pytest.approx((share, 2.0 * share))
+    assert report(EnergyMeterState(recent_rad=1.0), is_torque_released=False).travel_rad_per_h == 0.0
 
 
 def test_values_per_hour_have_a_memory_of_an_hour():

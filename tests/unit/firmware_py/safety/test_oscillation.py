@@ -4,7 +4,15 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel
-from firmware_py.safety.oscillation import NO_HALF, OscillationInput, OscillationState, update
+from firmware_py.safety.oscillation import (
+    NO_HALF,
+    OscillationInput,
+    OscillationState,
+    is_large,
+    update,
+    with_reduced_gain,
+    with_relaxation,
+)
 
 DETECTION_EVIDENCE = 25.0
 HOLD_S = 600.0
@@ -157,6 +165,104 @@ def test_no_limit_cycle(error_deg, options):
     monitor = Monitor().run(1200.0, error_deg, **options)
     assert monitor.reports == []
     assert monitor.state.gain_reduction == 1.0
+
+
+LAG_S = MODEL.turning_lag_s
+INPUTS = OscillationInput(0.0, 0.0, rad(0.5), 0.1, 0.1, MODEL.speed_m_s, 4.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "length_s", "changes", "expected"),
+    [
+        (1.51, 60.0, {}, True),
+        (1.49, 60.0, {}, False),
+        (4.01, 60.0, {"heading_sd_rad": rad(2.0)}, True),
+        (3.99, 60.0, {"heading_sd_rad": rad(2.0)}, False),
+        (5.0, 1.51 * LAG_S, {}, True),
+        (5.0, 1.49 * LAG_S, {}, False),
+        (5.0, 3.01 * LAG_S, {"speed_m_s": 0.5 * MODEL.speed_m_s}, True),
+        (5.0, 2.99 * LAG_S, {"speed_m_s": 0.5 * MODEL.speed_m_s}, False),
+        (5.0, 15.1 * LAG_S, {"speed_m_s": 0.0}, True),  # at least a tenth of the speed of the model
+        (5.0, 14.9 * LAG_S, {"speed_m_s": 0.0}, False),
+        (5.0, 15.1, {"wave_period_s": 20.0}, True),
+        (5.0, 14.9, {"wave_period_s": 20.0}, False),
+    ],
+)
+def test_half_cycle_counts_if_it_is_larger_and_longer_than_other_causes(error_deg, length_s, changes, expected):
+    assert is_large(MODEL, INPUTS._replace(**changes), rad(error_deg), length_s) is expected
+
+
+@pytest.mark.parametrize(
+    ("now_s", "oscillating", "gain_reduction"),
+    [
+        (114.9, True, 8.0),
+        (115.1, False, 8.0),  # 1.5 half cycles without one that counts
+        (699.9, False, 8.0),
+        (700.1, False, 8.0 * math.exp(-0.5 / 1200.0)),
+    ],
+)
+def test_limit_cycle_ends_and_the_gain_reduction_decays_after_the_hold_time(now_s, oscillating, gain_reduction):
+    state = OscillationState(
+        length_s=10.0, oscillating=True, gain_reduction=8.0, hold_s=600.0, last_cycle_s=100.0, updated_s=now_s - 0.5
+    )
+    later = with_relaxation(state, 3.0, now_s)
+    assert (later.oscillating, later.evidence, later.updated_s) == (oscillating, 3.0, now_s)
+    assert later.gain_reduction == pytest.approx(gain_reduction, rel=1e-9)
+    skipped = with_relaxation(state._replace(updated_s=now_s - 60.0), 3.0, now_s).gain_reduction
+    assert skipped == pytest.approx(8.0 * math.exp(-1.0 / 1200.0) if now_s > 700.0 else 8.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "gain_reduction", "hold_s"),
+    [
+        ({}, 8.0, 600.0),
+        ({"reduced_s": 980.1}, 1.0, 0.0),  # the last step has not had two half cycles of 10 s
+        ({"reduced_s": 979.9}, 8.0, 600.0),
+        ({"gain_reduction": 7.9}, 8.0, 600.0),
+        ({"gain_reduction": 8.0}, 16.0, 600.0),
+        ({"gain_reduction": 16.0, "hold_s": 700.0}, 16.0, 700.0),
+        ({"hold_s": 120.0, "last_cycle_s": 45.1}, 8.0, 240.0),  # it has returned within eight hold times
+        ({"hold_s": 120.0, "last_cycle_s": 44.9}, 8.0, 600.0),
+        ({"hold_s": 120.0, "last_cycle_s": 45.1, "oscillating": True}, 8.0, 120.0),
+        ({"hold_s": 50_000.0, "last_cycle_s": 45.1}, 8.0, 86_400.0),
+    ],
+)
+def test_step_of_the_gain_reduction_and_its_hold_time(changes, gain_reduction, hold_s):
+    half = NO_HALF._replace(begun_s=1000.0)
+    state = OscillationState(half, length_s=10.0, evidence=30.0)._replace(**changes)
+    later = with_reduced_gain(state, half, 1005.0)
+    assert (later.gain_reduction, later.hold_s, later.oscillating) == (gain_reduction, hold_s, True)
+    assert (later.length_s, later.last_cycle_s) == (10.0, 1005.0)  # twice the time to the peak
+    has_stepped = gain_reduction != state.gain_reduction
+    assert (later.evidence, later.reduced_s) == ((0.0, 1005.0) if has_stepped else (30.0, state.reduced_s))
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "sd_deg", "goal_deg", "half"),
+    [
+        (-0.29, 0.1, 0.0, None),
+        (-0.31, 0.1, 0.0, NO_HALF._replace(begun_s=50.0, side=-1.0, follows=True)),
+        (-0.79, 2.0, 0.0, None),
+        (-0.81, 2.0, 1.4, NO_HALF._replace(begun_s=50.0, side=-1.0, goal_rad=rad(1.4), follows=True)),
+        (-0.81, 2.0, 1.6, NO_HALF._replace(begun_s=50.0, side=-1.0, goal_rad=rad(1.6), is_turn=True, follows=True)),
+    ],
+)
+def test_half_cycle_begins_at_a_fifth_of_the_smallest_error_on_the_other_side(error_deg, sd_deg, goal_deg, half):
+    present = NO_HALF._replace(begun_s=40.0, side=1.0, peak_rad=rad(5.0), rudder_rad=0.1, counts=True)
+    inputs = INPUTS._replace(error_rad=rad(error_deg), heading_sd_rad=rad(sd_deg), goal_rad=rad(goal_deg))
+    later = update(MODEL, OscillationState(present, updated_s=49.9), inputs, 50.0)
+    assert later.half == (present if half is None else half)
+
+
+@pytest.mark.parametrize(
+    ("rudder_deg", "goal_deg", "counts"), [(2.1, 0.7, True), (1.9, 0.7, False), (2.1, 0.8, False), (2.1, -0.8, False)]
+)
+def test_half_cycle_counts_with_a_rudder_to_its_side_and_a_constant_goal(rudder_deg, goal_deg, counts):
+    half = NO_HALF._replace(begun_s=0.0, side=1.0, peak_rad=rad(4.0))
+    inputs = INPUTS._replace(error_rad=rad(5.0), goal_rad=rad(goal_deg), rudder_rad=0.1 + rad(rudder_deg))
+    later = update(MODEL, OscillationState(half, updated_s=49.9), inputs, 50.0)
+    assert (later.half.counts, later.half.peak_rad) == (counts, rad(5.0))
+    assert later.half.rudder_rad == pytest.approx(rad(rudder_deg))
 
 
 def test_error_of_nan_ends_the_limit_cycle_and_keeps_the_gain_reduction():

@@ -197,6 +197,83 @@ def jammed_state(settings):
     return state
 
 
+def verdict_of(*steps, state=RudderMonitorState(), settings=RudderMonitorSettings(3.0)):  # noqa: B008 - frozen
+    """Return whether a rudder jams and deviates, after steps of (time [s], angle [deg]) with the command 0."""
+    for t_s, angle_deg in steps:
+        status = RudderStatus(t_s, 0.0, math.radians(angle_deg), measured=True, is_new=True, current_a=0.2)
+        state = update(settings, state, status, is_engaged=True)
+    return state.is_jammed, state.deviating
+
+
+JAMMED, DEVIATING, NORMAL = (True, False), (False, True), (False, False)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("steps", "verdict"),
+    [
+        (((0.0, 3.1), (1.5, 3.1)), JAMMED),
+        (((0.0, 3.1), (1.49, 3.1)), NORMAL),
+        (((0.0, 2.9), (60.0, 2.9)), NORMAL),  # at the command
+        (((0.0, 9.0), (1.0, 8.55), (1.5, 8.55)), JAMMED),  # a movement of less than 0.5 deg
+        (((0.0, 9.0), (1.0, 8.45), (1.5, 8.45), (2.49, 8.45)), NORMAL),
+        (((0.0, 9.0), (1.0, 9.45), (1.5, 9.45)), JAMMED),
+        (((0.0, 9.0), (1.0, 9.55), (1.5, 9.55)), DEVIATING),
+        (((0.0, 9.0), (1.0, 9.55), (1.49, 9.55)), NORMAL),
+        (((0.0, 9.0), (1.0, -9.0), (1.5, -9.0), (2.49, -9.0)), NORMAL),  # the other side restarts the time
+        (((0.0, 9.0), (1.5, 9.0), (1.6, 8.1)), JAMMED),
+        (((0.0, 9.0), (1.5, 9.0), (1.6, 7.9)), NORMAL),  # free after a movement of 1 deg
+        (((0.0, 9.0), (1.5, 9.0), (1.6, 10.1)), DEVIATING),
+    ],
+)
+def test_verdict_depends_on_the_motion_towards_the_command(steps, verdict, side):
+    assert verdict_of(*((t_s, side * angle_deg) for t_s, angle_deg in steps)) == verdict
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("now_s", "command_deg", "sent_deg"),
+    [
+        (9.9, 0.0, 9.0),
+        (10.0, 0.0, 0.0),
+        (10.0, 13.1, 13.1),
+        (10.0, 12.9, 4.0),  # at the command, the trial is a movement of 6 deg
+        (10.0, 7.1, 4.0),
+        (10.0, 6.9, 6.9),
+    ],
+)
+def test_relieved_rudder_is_tried_after_ten_seconds(now_s, command_deg, sent_deg, side):
+    measured_rad, release_rad, command_rad, sent_rad = (
+        side * math.radians(angle_deg) for angle_deg in (10.0, 9.0, command_deg, sent_deg)
+    )
+    state = RudderMonitorState(measured_rad=measured_rad, release_rad=release_rad, relieved_s=0.0)
+    assert release_command(state, command_rad, now_s) == pytest.approx(sent_rad)
+    assert release_command(RudderMonitorState(measured_rad=measured_rad), command_rad, now_s) == command_rad
+    assert release_command(RudderMonitorState(relieved_s=0.0), command_rad, now_s) == command_rad
+    without_release = RudderMonitorState(measured_rad=measured_rad, relieved_s=0.0)
+    assert release_command(without_release, command_rad, 0.0) == measured_rad
+
+
+@pytest.mark.parametrize(("t_s", "is_overloaded"), [(11.1, True), (11.2, False)])
+def test_overload_ends_after_a_trial_of_1_2_s_with_a_low_current(t_s, is_overloaded):
+    state = RudderMonitorState(overloaded=True, relieved_s=0.0)
+    status = RudderStatus(t_s, 0.0, 0.0, measured=False, is_new=True, current_a=0.2)
+    state = update(RudderMonitorSettings(3.0), state, status, is_engaged=True)
+    assert (state.overloaded, state.relieved_s) == ((True, 0.0) if is_overloaded else (False, None))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("current_a", "seconds", "is_overloaded"), [(3.1, 2.0, True), (3.1, 1.9, False), (3.0, 9.0, False)]
+)
+def test_current_above_the_limit_for_2_s_is_an_overload(current_a, seconds, is_overloaded, side):
+    state = RudderMonitorState()
+    for t_s in (0.0, seconds):
+        status = RudderStatus(t_s, 0.0, 0.0, measured=True, is_new=True, current_a=side * current_a)
+        state = update(RudderMonitorSettings(3.0), state, status, is_engaged=True)
+    assert state.overloaded is is_overloaded
+
+
 def test_angle_that_is_not_measured_any_more_ends_the_verdicts_of_the_motion():
     settings = RudderMonitorSettings(3.0)
     state = jammed_state(settings)
