@@ -210,12 +210,21 @@ def test_other_bytes_are_rejected(data):
 def test_incomplete_records_and_early_texts_are_rejected():
     with pytest.raises(ValueError, match="Near: Object missing required field `distance_m`"):
         decode(Near, msgspec.msgpack.encode({"version": 1}), 1)
+    unusable = {"version": 1, "a": 1, "b": 2, "colour": "x", "distance_m": "y"}
+    reason = "Near: Object missing required field `distance_m`; Near.distance_m: Expected `float`, got `str`, ignored"
+    with pytest.raises(ValueError, match=f"^{reason}$"):
+        decode(Near, msgspec.msgpack.encode(unusable), 1)
     data = encode(BOAT, 1, HOOKS)
     for end in range(len(data)):
         with pytest.raises(ValueError, match="not an encoded record"):
             decode(Boat, data[:end], 1)
     with pytest.raises(ValueError, match="written as text by an early development version"):
         decode(Boat, b'{"version":6,"name":"Ada","$":"Boat"}', 7)
+
+
+def test_outermost_record_may_have_another_tag():
+    other = {"version": 1, "type": "Gone", "distance_m": 2.0}
+    assert decode(Near, msgspec.msgpack.encode(other), 1) == (Near(2.0), ("Near.type: Invalid value 'Gone', ignored",))
 
 
 def test_field_cannot_have_the_name_of_the_version():

@@ -64,6 +64,8 @@ def test_true_heading_contains_the_variation_of_an_equal_hdg(deliver, near, comp
     for sample in later:
         assert near(sample.variation_rad, 10.0) if has_variation else sample.variation_rad is None
     assert deliver(compass, "HEHDT,90,T", now_s=2.1)[0].variation_rad is None
+    deliver(compass, "HCHDG,90,,,10,E", now_s=10.0)
+    assert near(deliver(compass, "HEHDT,100,T", now_s=10.25)[0].variation_rad, 10.0)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_other_texts_are_no_numbers(text):
     [(HEADING, ("0",), 0.0), (HEADING, ("360.0",), 360.0), (TRUE_HEADING, ("341.8", "T"), 341.8),
      (TRUE_HEADING, ("", ""), None), (SPEED, ("1.0", "N"), 1852 / 3600), (SPEED, ("1.0", "K"), 1 / 3.6),
      (SPEED, ("200.0", "M"), 200.0), (SPEED, ("1.0", "S"), 0.44704), (EAST_WEST, ("5", "E"), 5.0),
-     (EAST_WEST, ("5", "W"), -5.0), (EAST_WEST, ("", "W"), None), (EAST_WEST, ("0.0", ""), 0.0),
+     (EAST_WEST, ("5", "W"), -5.0), (EAST_WEST, ("", "W"), None), (EAST_WEST, ("0.0", "", "x"), 0.0),
      (LATITUDE, ("5327.03942", "N"), 53.450657), (LATITUDE, ("5327.03942", "S"), -53.450657),
      (LATITUDE, ("9000.000", "N"), 90.0), (LATITUDE, ("", "N"), None), (LATITUDE, ("", ""), None),
      (LATITUDE, ("0000", "S"), 0.0), (LONGITUDE, ("00214.42462", "W"), -2.240410333333),
