@@ -46,6 +46,11 @@ def test_other_calibrations_are_refused_with_a_remedy(rig, texts, values):
     assert rig.request_handler.intents == []
 
 
+@pytest.mark.parametrize("command", [(241, 0, 0, 0, 2), (241, 0, 1), (42006, 10), (42424, 1)])
+def test_calibration_is_refused_before_the_first_tick(make_rig, command):
+    assert results(make_rig().command(*command)) == [REJECTED]
+
+
 def test_calibration_of_nothing_is_accepted(rig):
     assert results(rig.command(241)) == results(rig.command(241, math.nan, math.nan)) == [ACCEPTED]
 

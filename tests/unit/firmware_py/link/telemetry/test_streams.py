@@ -1,6 +1,7 @@
 """Intervals of telemetry messages."""
 
 import math
+from collections import Counter
 
 import pytest
 
@@ -27,6 +28,60 @@ def count_sent(streams, *, loop_hz, seconds, interval_factor=1.0):
     return sent
 
 
+RATES = """
+HEARTBEAT 1 1, SYS_STATUS 1 .5, SYSTEM_TIME 1 .1, GPS_RAW_INT 2 .5, ATTITUDE 10 2, LOCAL_POSITION_NED 2 0,
+GLOBAL_POSITION_INT 4 1, SERVO_OUTPUT_RAW 4 1, MISSION_CURRENT 1 .5, NAV_CONTROLLER_OUTPUT 2 1, RC_CHANNELS 2 .5,
+VFR_HUD 4 1, ATTITUDE_TARGET 2 .5, POSITION_TARGET_GLOBAL_INT 2 .2, BATTERY_STATUS 1 .2, FENCE_STATUS .5 .1,
+MAG_CAL_PROGRESS .2 .05, MAG_CAL_REPORT .2 .05, EKF_STATUS_REPORT 1 .2, ESTIMATOR_STATUS 1 .2, WIND_COV 1 .2,
+HOME_POSITION .2 .02, EXTENDED_SYS_STATE .2 .02, AIS_VESSEL 4 .2, CURRENT_MODE .5 .5, AVAILABLE_MODES_MONITOR .3 .05,
+WATER_DEPTH 1 .2, RUDDER 4 1, RUD_EST 4 1, RUD_CMD 4 1, RUD_TEMP .5 .1, LATE_MS 1 .2, SKIPPED 1 .2, STO_WRITES .1 .01,
+STO_MB .1 .01, RUD_TRAVEL .2 .02, RUD_REVERS .2 .02, HELM_SOFT .2 .02, RUD_WH .2 .02, RUD_WATT .2 .02, SOLAR_W .2 .02,
+LOAD_W .2 .02, HDG_SRC .5 .02, HDG_SD .5 .02, HDG_INNOV 1 0, HDG_NIS .2 .02, TRIM .2 .02, YAW_DIFF .2 .02,
+PRED_SQ .2 .02, WAVE_SD .2 .02, WAVE_T .2 .02, WATER_SPD .5 .05, CURR_N .2 .02, CURR_E .2 .02, CURR_SD .2 .02,
+LEEWAY .2 .02
+"""
+
+
+@pytest.mark.parametrize(("link_class", "column"), [(LinkClass.FAST, 1), (LinkClass.RADIO, 2)])
+def test_messages_are_sent_at_their_rates(link_class, column):
+    streams, sent = Streams(link_class, 0.0), Counter()
+    for tick in range(10_000):
+        for row in streams.due_rows(0.1 * tick, 0.1):
+            sent[TABLE[row].name.split()[-1]] += 1
+            streams.schedule_next(row, 0.1 * tick)
+    rates = {row[0]: float(row[column]) for row in map(str.split, RATES.replace("\n", "").split(","))}
+    assert sent == {name: round(1000 * rate_hz) for name, rate_hz in rates.items() if rate_hz}
+
+
+def test_rows_are_due_half_a_tick_early_in_the_order_of_their_times(streams):
+    attitude, hud, status = (ROWS_OF[number][0] for number in (ATTITUDE, 74, 1))
+    for row in range(len(TABLE)):
+        streams.schedule_next(row, 0.0)
+    assert streams.due_rows(0.0499, 0.1) == ()
+    assert streams.due_rows(0.05, 0.1) == [attitude]
+    streams.schedule_next(attitude, 0.1)  # exactly one interval late
+    assert attitude not in streams.due_rows(0.1, 0.0)
+    assert streams.due_rows(0.2, 0.0) == [attitude]
+    for number, now_s in ((ATTITUDE, 5.0), (74, 4.0), (1, 3.0), (HIGH_LATENCY2, 2.0)):
+        streams.make_due(number, now_s)
+    assert [row for row in streams.due_rows(5.0, 0.0) if row in (attitude, hud, status)] == [status, hud, attitude]
+    assert ROWS_OF[HIGH_LATENCY2][0] not in streams.due_rows(5.0, 0.0)  # it is off
+    streams.postpone(ATTITUDE, 5.0)
+    assert attitude not in streams.due_rows(5.09, 0.0)
+    assert attitude in streams.due_rows(5.1, 0.0)
+    streams.set_high_latency(60.0, 6.0)
+    assert (streams.interval_us(HIGH_LATENCY2), ROWS_OF[HIGH_LATENCY2][0] in streams.due_rows(6.0, 0.0)) == (60e6, True)
+    streams.set_high_latency(None, 6.0)
+    assert (streams.interval_us(HIGH_LATENCY2), ROWS_OF[HIGH_LATENCY2][0] in streams.due_rows(1e6, 0.0)) == (-1, False)
+
+
+@pytest.mark.parametrize("link_class", [LinkClass.SATELLITE, LinkClass.MESSAGES])
+def test_stream_request_has_no_effect_by_satellite(link_class):
+    streams = Streams(link_class, 0.0)
+    streams.set_stream(0, 4.0, 0.0)
+    assert streams.due_rows(1e6, 0.1) == ()
+
+
 @pytest.mark.parametrize(("rate_hz", "loop_hz"), [(10, 10), (4, 10), (1, 10), (3, 50), (20, 50), (0.5, 10)])
 def test_requested_rate_is_the_average(streams, rate_hz, loop_hz):
     assert streams.set_interval(ATTITUDE, 1e6 / rate_hz, 0.0)
@@ -45,7 +100,7 @@ def test_rate_above_that_of_the_loop_sends_one_message_per_tick(streams):
     assert count_sent(streams, loop_hz=10, seconds=10) == 100
 
 
-@pytest.mark.parametrize("interval_us", [math.nan, math.inf, -math.inf, -2.0, 1.0, 19_999.0, 1e30, 4e9])
+@pytest.mark.parametrize("interval_us", [math.nan, math.inf, -math.inf, -2.0, 1.0, 19_999.0, 1e30, 3601e6])
 def test_interval_out_of_range_is_rejected(streams, interval_us):
     assert not streams.set_interval(ATTITUDE, interval_us, 0.0)
     assert streams.interval_us(ATTITUDE) == 100_000
