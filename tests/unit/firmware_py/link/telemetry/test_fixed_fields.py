@@ -1,4 +1,4 @@
-"""Fields that the boat does not measure: their values in MAVLink messages for unknown or unused."""
+"""Fields of MAVLink messages: values that are not measured, and limits of those that are out of range."""
 
 import math
 
@@ -6,8 +6,8 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.common.reports import Activity, Home, Navigation, Power
-from firmware_py.link.telemetry.fields import TelemetryContext
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
+from firmware_py.link.telemetry.fields import TelemetryContext, boot_ms, boot_us, to_float32
 from firmware_py.link.telemetry.table import TABLE
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, 0.3, 8, 1.25)
@@ -71,3 +71,61 @@ def test_fields_that_are_not_measured_have_their_fixed_value(snapshot, name):
     message = built(name, snapshot)
     values = {field: getattr(message, field) for field in FIXED[name]}
     assert {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()} == FIXED[name]
+
+
+LIMITS = {
+    "GPS_RAW_INT": {
+        "lat": (1_800_000_000, -1_800_000_000), "lon": (1_800_000_000, -1_800_000_000),
+        "alt": (2_147_483_647, -2_147_483_647), "eph": (65534, 0), "vel": (65534, 0), "satellites_visible": (254, 0),
+    },
+    "GLOBAL_POSITION_INT": {
+        "lat": (1_800_000_000, -1_800_000_000), "alt": (2_147_483_647, -2_147_483_647),
+        "relative_alt": (2_147_483_647, -2_147_483_647), "vx": (32767, -32767), "vy": (32767, -32767),
+    },
+    "NAV_CONTROLLER_OUTPUT": {"wp_dist": (65535, 0)},
+    "SERVO_OUTPUT_RAW": {"servo1_raw": (2000, 1000)},
+    "HOME_POSITION": {
+        "latitude": (1_800_000_000, -1_800_000_000), "altitude": (2_147_483_647, -2_147_483_647),
+        "time_usec": (10**18, 0),
+    },
+    "GPS_GLOBAL_ORIGIN": {"altitude": (2_147_483_647, -2_147_483_647)},
+    "SYS_STATUS": {
+        "load": (1000, 0), "voltage_battery": (65534, 0), "current_battery": (32767, -32767),
+        "battery_remaining": (100, 0), "errors_comm": (65535, 0), "errors_count1": (65535, 0),
+    },
+    "BATTERY_STATUS": {"temperature": (32766, -32767), "current_battery": (32767, -32767)},
+    "FENCE_STATUS": {"breach_count": (65535, 0)},
+    "MISSION_CURRENT": {"seq": (65535, 0), "total": (65534, 0)},
+    "HIGH_LATENCY2": {
+        "altitude": (32767, -32767), "target_distance": (65535, 0), "groundspeed": (255, 0), "battery": (100, 0),
+        "wp_num": (65535, 0), "custom0": (127, -127), "custom1": (127, 0),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_values_out_of_range_are_limited(snapshot, name):
+    (row,) = (row for row in TABLE if row.name == name)
+    for column, sign in enumerate((1, -1)):
+        x = sign * 1e12
+        count = 10**9 if sign > 0 else -(10**9)
+        fix = PositionSample(0.0, FixType.FIX_3D, sign * 10.0, sign * 10.0, x, x, math.pi / 4, count, x)
+        boat = replace(
+            snapshot, t_s=x, position=fix, position_ok=True, home=Home(sign * 10.0, sign * 10.0, x), distance_m=x,
+            rudder_rad=x, rudder_command_rad=x, power=Power(x, -x, x, x, x, x), skipped_total=count,
+            mission=MissionReport(index=count, count=count, identities=(0, 1, 0)),
+        )  # fmt: skip
+        if name == "GLOBAL_POSITION_INT":
+            boat = replace(boat, home=Home(0.0, 0.0, 0.0))
+        message = row.build(TelemetryContext(boat, 1.7e9, 0.5, 3, x, count, fence_breaches=(count, 1.0)))
+        assert {field: getattr(message, field) for field in LIMITS[name]} == {
+            field: limits[column] for field, limits in LIMITS[name].items()
+        }
+
+
+def test_times_and_floats_are_limited():
+    assert (boot_us(1.5), boot_us(-1.0), boot_us(1e300), boot_us(math.nan)) == (1_500_000, 0, 1 << 62, 0)
+    assert [boot_ms(t_s) for t_s in (1.5, -1.0, 4_294_967.295, 4_294_967.296)] == [1500, 0, 4_294_967_295, 0]
+    largest = 3.4028234663852886e38
+    assert [to_float32(sign * largest) for sign in (1, -1)] == [largest, -largest]
+    assert [to_float32(value, 7.0) for value in (3.41e38, -3.41e38, math.inf, math.nan, None)] == [7.0] * 5

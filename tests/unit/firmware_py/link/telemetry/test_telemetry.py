@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import FixType, PositionSample, RudderFeedback
+from firmware_py.common.records import CalibrationState, FixType, PositionSample, RudderFeedback
 from firmware_py.common.reports import (
     Activity,
     DeadReckoningPosition,
@@ -16,13 +16,16 @@ from firmware_py.common.reports import (
     Flow,
     Home,
     MissionReport,
+    MissionState,
     Navigation,
     Power,
     Snapshot,
+    SwingReport,
     Water,
 )
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.fields import TelemetryContext
+from firmware_py.link.telemetry.identity import available_modes, mode_of_standard, protocol_version
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec, stamp
@@ -40,7 +43,7 @@ DEAD_RECKONING = {
 @pytest.fixture
 def build(snapshot):
     def build_message(name, **changes):
-        names = ("load", "refused_frames", "intended_mode", "utc_s", "fence_breaches", "override_us")
+        names = ("load", "refused_frames", "intended_mode", "utc_s", "fence_breaches", "override_us", "swing")
         values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9}
         values |= {key: changes.pop(key) for key in names if key in changes}
         boat = msgspec.structs.replace(snapshot, **changes)
@@ -147,6 +150,16 @@ def test_sys_status_shows_healthy_and_failed_sensors(build):
     assert healthy.onboard_control_sensors_health & sensors == sensors
     assert (healthy.voltage_battery, healthy.current_battery, healthy.battery_remaining) == (12_300, 25, -1)
     assert (healthy.load, healthy.errors_comm) == (15, 65535)
+    rudder = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    assert healthy.onboard_control_sensors_health & rudder
+    for faults in (1 << Fault.RUDDER_SILENT, 1 << Fault.RUDDER_ERROR):
+        assert not build("SYS_STATUS", faults=faults).onboard_control_sensors_health & rudder
+    assert not build("SYS_STATUS", rudder_ok=False).onboard_control_sensors_health & rudder
+    storage = mavlink.MAV_SYS_STATUS_LOGGING
+    health = [
+        build("SYS_STATUS", faults=faults).onboard_control_sensors_health for faults in (0, 1 << Fault.STORAGE_FAILING)
+    ]
+    assert [bool(bits & storage) for bits in health] == [True, False]
     failed = build("SYS_STATUS", heading_ok=False, position=FIX, prearm_refusal="no heading")
     assert failed.onboard_control_sensors_present & sensors == sensors
     assert failed.onboard_control_sensors_health & sensors == 0
@@ -323,3 +336,64 @@ def test_any_snapshot_is_packed_or_omitted(snapshot, utc_s, load, refused):
 def test_number_of_satellites_is_limited_below_the_number_for_unknown(build, satellites, sent):
     fix = msgspec.structs.replace(FIX, satellites=satellites)
     assert build("GPS_RAW_INT", position=fix, position_ok=True).satellites_visible == sent
+
+
+FAILURE_FLAGS = {
+    Fault.COMPASS_LOST: 32 | 4096, Fault.POSITION_LOST: 1, Fault.RUDDER_SILENT: 1024, Fault.RUDDER_ERROR: 1024,
+    Fault.RUDDER_ASTRAY: 1024, Fault.RUDDER_JAMMED: 1024, Fault.STEERING_LOST: 1024, Fault.SUPPLY_LOW: 128,
+    Fault.BATTERY_LOW: 128, Fault.BATTERY_CRITICAL: 128, Fault.FENCE_BREACHED: 2048, Fault.MISSION_UNUSABLE: 8192,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", Fault)
+def test_failure_flags_of_satellite_reports(build, fault):
+    assert build("HIGH_LATENCY2", faults=1 << fault).failure_flags == FAILURE_FLAGS.get(fault, 0)
+
+
+@pytest.mark.parametrize(("armed", "heading_ok", "estimate", "bits"), [(True, False, None, 1), (False, True, 0.1, 6)])
+def test_state_bits_of_satellite_reports(build, armed, heading_ok, estimate, bits):
+    report = build("HIGH_LATENCY2", armed=armed, heading_ok=heading_ok, rudder_estimate_rad=estimate)
+    assert report.custom2 == bits
+
+
+@pytest.mark.parametrize(
+    ("mode", "report", "expected"),
+    [
+        (Mode.AUTO, MissionReport(MissionState.ACTIVE, 2, 5, identities=(7, 8, 9)), (3, 5, 3, 1, 7, 8, 9)),
+        (Mode.HOLD, MissionReport(), (0, 65535, 1, 2, 0, 0, 0)),
+    ],
+)
+def test_mission_current_has_item_state_and_identities(build, mode, report, expected):
+    current = build("MISSION_CURRENT", mode=mode, mission=report)
+    identities = (current.mission_id, current.fence_id, current.rally_points_id)
+    assert (current.seq, current.total, current.mission_state, current.mission_mode, *identities) == expected
+
+
+def test_swing_of_the_compass_has_progress_and_report(build):
+    progress = build("MAG_CAL_PROGRESS", swing=SwingReport(CalibrationState.RUNNING, 40, sectors=0b101))
+    assert progress.to_dict() == {
+        "mavpackettype": "MAG_CAL_PROGRESS", "compass_id": 0, "cal_mask": 1, "cal_status": 2, "attempt": 1,
+        "completion_pct": 40, "completion_mask": "\x05", "direction_x": 0, "direction_y": 0, "direction_z": 0,
+    }  # fmt: skip
+    report = build("MAG_CAL_REPORT", swing=SwingReport(CalibrationState.DONE, 100, residual_after_rad=math.radians(2)))
+    values = report.to_dict()
+    assert [values.pop(name) for name in ("compass_id", "cal_mask", "cal_status", "fitness")] == [
+        0,
+        1,
+        4,
+        pytest.approx(2),
+    ]
+    assert {value for name, value in values.items() if name != "mavpackettype"} == {0}
+    assert build("MAG_CAL_PROGRESS") is None
+
+
+def test_modes_and_protocol_have_their_numbers():
+    modes = {mode.custom_mode: (mode.standard_mode, mode.properties, mode.number_modes) for mode in available_modes(0)}
+    assert modes[16] == (0, 2, len(Mode) + 1)  # before the first tick; it cannot be selected
+    assert {number: properties for number, (_, properties, _) in modes.items() if number != 16} == {
+        mode: 0 if mode in (Mode.MANUAL, Mode.STEERING) else 4 for mode in Mode
+    }
+    assert {number: standard for number, (standard, _, _) in modes.items() if standard} == {10: 6, 11: 5}
+    assert [mode_of_standard(number) for number in (0, 5, 6, 7)] == [None, 11, 10, None]
+    version = protocol_version()
+    assert (version.version, version.min_version, version.max_version) == (200, 100, 200)
