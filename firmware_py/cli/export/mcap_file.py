@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,11 +34,13 @@ _SCHEMAS: Final = {
         {"timestamp": _STAMP, "level": {"type": "integer"}, "message": {"type": "string"}, "name": {"type": "string"}},
     ),
 }
-# MAV_SEVERITY to foxglove.LogLevel.
-_LEVELS: Final = {severity: 5 if severity <= Severity.CRITICAL else 4 for severity in range(Severity.ERROR + 1)} | {
-    int(Severity.WARNING): 3,
-    int(Severity.NOTICE): 2,
-    int(Severity.INFO): 2,
+# MAV_SEVERITY to foxglove.LogLevel; others are level 1.
+_LEVELS: Final[Mapping[Any, int]] = {
+    **dict.fromkeys(range(Severity.ERROR), 5),
+    Severity.ERROR: 4,
+    Severity.WARNING: 3,
+    Severity.NOTICE: 2,
+    Severity.INFO: 2,
 }
 _PLOTS: Final = {
     "Heading": ("/ATT.Yaw", "/ATT.DesYaw", "/XKF1.Yaw"),
@@ -92,7 +95,7 @@ def _topics_of(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]
         unknown = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
         topics.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **position, **unknown}))
     elif message.name == "MSG":
-        level = _LEVELS.get(int(values.get("Sev") or 0), 1)
+        level = _LEVELS.get(values.get("Sev"), 1)
         topics.append((_LOG, {"timestamp": stamp, "level": level, "message": values["Message"], "name": "rambler"}))
     return topics
 

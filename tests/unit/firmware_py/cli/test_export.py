@@ -15,6 +15,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli.export import mcap_file, table
+from firmware_py.cli.export.messages import Message
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
 from hil.__main__ import main as hil_main
@@ -75,12 +76,21 @@ def test_output_never_overwrites_the_log(program, words, log, tmp_path, capsys):
         assert path.read_bytes() == content
 
 
-def test_csv_has_one_row_per_tick(csv_rows):
+def test_csv_has_one_row_per_tick_in_degrees_metres_and_seconds(csv_rows):
     assert len(csv_rows) == TICKS
-    assert (csv_rows[5]["mode"], csv_rows[5]["armed"], csv_rows[200]["armed"]) == ("GUIDED", "False", "True")
-    assert float(csv_rows[5]["heading_deg"]) == pytest.approx(57.29578, abs=1e-4)
-    assert float(csv_rows[5]["latitude_deg"]) == pytest.approx(40.10705, abs=1e-4)
-    assert csv_rows[6]["latitude_deg"] == ""  # a tick without a fix
+    assert (csv_rows[5]["armed"], csv_rows[200]["mode"], csv_rows[200]["armed"]) == ("False", "GUIDED", "True")
+    numbers = {name: float(text) for name, text in csv_rows[200].items() if text and name not in ("mode", "armed")}
+    motion = {"tick": 200, "time_s": 120.0, "late_s": 0.001, "utc_s": 1700000200.0, "faults": 0, "distance_m": 40.0}
+    motion |= {"latitude_deg": 40.1070457, "longitude_deg": -11.4591559, "speed_over_ground_m_s": 0.5}
+    motion |= {"course_over_ground_deg": 85.9436693, "satellites": 8, "hdop": 1.25, "cross_track_m": 1.5}
+    angles = {"rudder_command_deg": 14.3239449, "rudder_deg": 11.4591559, "heading_deg": 57.2957795}
+    angles |= {"error_deg": 57.2957795}
+    angles |= {"yaw_rate_deg_s": 0.572957795, "roll_deg": 5.72957795, "pitch_deg": -11.4591559, "wave_period_s": 0.1}
+    angles |= {"goal_deg": 114.591559, "estimated_heading_deg": 58.4416951, "rudder_bias_deg": 5.72957795}
+    power = {"servo_c": 31.0, "servo_v": 12.0, "servo_a": 0.2, "battery_v": 12.9, "battery_a": -0.5, "charge": 0.8}
+    water = {"water_speed_m_s": 0.4, "current_north_m_s": 0.2, "current_east_m_s": -0.1, "wave_sd_deg": 5.72957795}
+    assert numbers == pytest.approx(motion | angles | power | water, rel=1e-8)
+    assert csv_rows[201]["latitude_deg"] == csv_rows[201]["water_speed_m_s"] == ""  # a tick without these messages
 
 
 def test_parquet_has_the_same_table(export, csv_rows):
@@ -94,11 +104,27 @@ def test_parquet_has_the_same_table(export, csv_rows):
 
 def test_mcap_has_every_message_with_gps_time(mcap_messages):
     assert {channel.message_encoding for _, channel, _ in mcap_messages} == {"json"}
-    assert mcap_messages[0][2].log_time * 1e-9 == pytest.approx(1.7e9, abs=2.0)  # the date of the receiver
-    schema, _, message = next(row for row in mcap_messages if row[1].topic == "/position")
-    assert schema.name == "foxglove.LocationFix"
-    assert json.loads(message.data)["latitude"] == pytest.approx(40.10705, abs=1e-4)
     assert {"/ATT", "/CTL", "/NAV", "/log", "/BAT"} <= {channel.topic for _, channel, _ in mcap_messages}
+    first = {}
+    for schema, channel, message in mcap_messages:
+        first.setdefault(channel.topic, (schema.name, message.log_time, message.publish_time, json.loads(message.data)))
+    time_ns, stamp = 1_700_000_000_000_000_000, {"sec": 1_700_000_000, "nsec": 0}  # the date of the receiver
+    values = {"timestamp": stamp, "level": 2, "message": "rambler 1.2.3.dev0 (git 0123abcd-dirty)", "name": "rambler"}
+    assert first["/log"] == ("foxglove.Log", time_ns, time_ns, values)
+    values = {"timestamp": stamp, "frame_id": "earth", "latitude": 40.1070457, "altitude": 3.0}
+    values |= {"longitude": pytest.approx(-11.4591559), "position_covariance": [0.0] * 9, "position_covariance_type": 0}
+    assert first["/position"] == ("foxglove.LocationFix", time_ns, time_ns, values)
+
+
+@pytest.mark.parametrize(
+    ("severity", "level"), [(0, 5), (1, 5), (2, 5), (3, 4), (4, 3), (5, 2), (6, 2), (7, 1), (8, 1), (None, 1)]
+)
+def test_severity_of_a_message_is_a_level_of_foxglove(severity, level):
+    """Levels of foxglove.Log: debug 1, info 2, warning 3, error 4, fatal 5."""
+    message = Message("MSG", 1.0, {"Message": "x", "Sev": severity})
+    _, (topic, values) = mcap_file._topics_of(message, 2_500_000_000)
+    expected = {"timestamp": {"sec": 2, "nsec": 500_000_000}, "level": level, "message": "x", "name": "rambler"}
+    assert (topic, values) == ("/log", expected)
 
 
 # The reader of Foxglove accepts one of these types per field, and no alternatives.
@@ -219,8 +245,24 @@ def test_rows_of_a_table_contain_no_absent_values():
     assert all(value is not None and value == value for row in rows for value in row.values())  # noqa: PLR0124
 
 
-def test_all_lines_of_the_foxglove_layout_are_shown_at_the_time_of_reception():
-    panels = mcap_file._make_layout()["configById"].values()
-    lines = [line for panel in panels for line in panel.get("paths", ())]
-    assert len(lines) > 5
+def test_foxglove_layout_shows_map_texts_and_four_plots_of_the_same_height():
+    layout = mcap_file._make_layout()
+    plots = [panel for name, panel in layout["configById"].items() if name.startswith("Plot")]
+    assert len(plots) == 4
+    assert {panel["showLegend"] and panel["isSynced"] for panel in plots} == {True}
+    lines = [line for panel in plots for line in panel["paths"]]
     assert {(line["enabled"], line["timestampMethod"]) for line in lines} == {(True, "receiveTime")}
+    assert layout["configById"]["RosOut!rambler"]["minLogLevel"] == 1  # from debug on, so that all are shown
+    assert layout["playbackConfig"] == {"speed": 1}
+    shares = dict(panel_shares(layout["layout"], 1.0))
+    expected = {"map!rambler": 0.4 * 0.7, "RosOut!rambler": 0.4 * 0.3}
+    assert shares == pytest.approx(expected | {f"Plot!rambler{number}": 0.6 / 4 for number in range(4)})
+
+
+def panel_shares(node, share):
+    """Yield the panels of a layout with their share of the window."""
+    if isinstance(node, str):
+        yield node, share
+        return
+    yield from panel_shares(node["first"], share * node["splitPercentage"] / 100)
+    yield from panel_shares(node["second"], share * (1 - node["splitPercentage"] / 100))

@@ -1,11 +1,10 @@
-"""What `rambler view` prints and reads, and the levels of messages in an export."""
+"""What `rambler view` prints and reads."""
 
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from firmware_py.cli.export import mcap_file
 from firmware_py.cli.view import _find_directory, _format_url
 
 
@@ -24,9 +23,3 @@ def test_url_has_brackets_around_an_address_of_ipv6_and_no_token(host, token, ur
 
 def test_state_directory_of_the_command_line_is_used():
     assert _find_directory(Path("boat")) == Path("boat")
-
-
-@pytest.mark.parametrize(("severity", "level"), [(0, 5), (1, 5), (2, 5), (3, 4), (4, 3), (5, 2), (6, 2)])
-def test_severity_of_a_message_is_a_level_of_foxglove(severity, level):
-    """Levels of foxglove.Log: debug 1, info 2, warning 3, error 4, fatal 5."""
-    assert mcap_file._LEVELS[severity] == level
