@@ -170,6 +170,14 @@ def test_closed_standard_streams_become_dev_null(words):
     assert run_in_shell(f"exec {sys.executable} -m {words} <&- >&-") == (0, "")
 
 
+@pytest.mark.parametrize(("errors", "later"), [("strict", "backslashreplace"), ("replace", "replace")])
+def test_error_handler_that_the_user_has_set_for_a_stream_is_kept(errors, later, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), "ascii", errors)
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert main(["nothing"]) == 2
+    assert stream.errors == later
+
+
 def test_ctypes_is_not_imported_before_the_standard_streams_are_checked():
     """libffi opens a file with ctypes, which would become a closed standard input."""
     code = "import sys, firmware_py.__main__; sys.exit('ctypes' in sys.modules)"

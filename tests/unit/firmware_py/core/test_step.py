@@ -46,6 +46,7 @@ from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
+from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.model.kt import rk4_step
 from firmware_py.plans.items import Command
 
@@ -411,6 +412,7 @@ def test_failsafe_does_not_resume_manual(mode, after):
     boat.get_under_way(mode)
     boat.tick(devices=link_health(boat, DeviceState.SILENT))
     assert boat.run(6.0).snapshot.mode is Mode.LOITER
+    boat.tick(SetParameter("CTL_K1", 40.0), SetMode(99))  # neither is an accepted order that ends the failsafe
     boat.tick(devices=link_health(boat))
     assert boat.run(1.0).snapshot.mode is after
     assert ("Failsafe ended: LOITER kept, no stick input" in boat.events) is (mode is Mode.MANUAL)
@@ -467,6 +469,25 @@ def test_item_numbers_are_checked_and_only_auto_ends_a_pause():
     for mode, paused in ((Mode.HOLD, True), (Mode.AUTO, False)):
         boat.tick(SetMode(mode))
         assert (boat.state.modes.mode, boat.state.guidance.mission.paused) == (mode, paused)
+
+
+@pytest.mark.parametrize(
+    ("progress", "expected"),
+    [
+        ({"index": 1, "begun": True}, {"index": 1, "begun": True}),
+        ({"index": 1, "complete": True}, {"index": 0, "complete": False}),
+        ({"complete": True, "unusable": True}, {"complete": True, "unusable": True}),
+    ],
+)
+def test_auto_restarts_a_complete_mission(progress, expected):
+    boat = Boat()
+    boat.position = FIX
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)] * 2)))
+    boat.get_under_way(Mode.AUTO)
+    mission = MissionProgress(boat.state.plans.mission.identity, started=True)
+    state = replace(boat.state, guidance=replace(boat.state.guidance, mission=replace(mission, **progress)))
+    accepted, _ = accept(state, Request(boat.t_s, SetMode(Mode.AUTO)))
+    assert accepted.guidance.mission == replace(mission, **expected)
 
 
 @pytest.mark.parametrize("place", [(0.5, None), (None, 0.5)])
@@ -755,6 +776,27 @@ def test_rudder_without_a_measured_angle_is_estimated():
     assert error_deg(boat, 1.5) < 1.0
     assert boat.events.count("Rudder angle: estimated") == 1
     assert state_from_text(state_to_text(boat.state))[0].rudder == boat.state.rudder
+
+
+@pytest.mark.parametrize(
+    ("released", "armed", "torque_on", "is_judged"),
+    [
+        (0, False, None, True),
+        (1, False, None, False),
+        (1, True, None, True),
+        (1, True, True, True),
+        (1, True, False, False),
+    ],
+)
+def test_rudder_is_jammed_only_if_the_servo_has_torque(released, armed, torque_on, is_judged):
+    state, texts = State.at_start(ParameterSet().replaced("RUD_DISARMED", released).replaced("BOOT_ARM", armed)), []
+    for index in range(30):
+        feedback = RudderFeedback(0.1 * index, 0.3, torque_on=torque_on)
+        state, output = step(state, Inputs(Tick(index, 0.1 * index, 0.0, 0, 10.0), rudder=(feedback,)))
+        texts += [event.text for event in output.events]
+    assert state.supervisor.rudder_monitor.is_jammed is is_judged
+    assert texts[0] == "Mode HOLD"
+    assert "" not in texts
 
 
 @pytest.mark.parametrize("effect", [0.0, -1.0])

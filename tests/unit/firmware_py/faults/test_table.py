@@ -118,6 +118,7 @@ def test_battery_faults_remain_set_without_data_until_their_limits_are_zero():
     unknown = {"battery_charge": None, "battery_v": None}
     assert present_faults(**unknown, faults=both) == LOW_AND_CRITICAL
     assert present_faults(**unknown, faults=both, save_charge=0.0, save_v=0.0) == LOW_AND_CRITICAL[1:]
+    assert present_faults(**unknown, faults=both, save_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL
     assert present_faults(battery_charge=None, faults=both) == []  # the voltage is normal
 
 
