@@ -8,7 +8,7 @@ import math
 class TokenBucket:
     """A bucket of tokens (messages, bytes, ...) that is refilled at a constant rate."""
 
-    __slots__ = ("_burst", "_level", "_max_elapsed_s", "_rate_hz", "_updated_s")
+    __slots__ = ("_burst", "_full_rate_hz", "_level", "_max_elapsed_s", "_rate_hz", "_updated_s")
 
     def __init__(self, burst: float, rate_hz: float, *, is_full: bool = True, max_elapsed_s: float = math.inf) -> None:
         """Create a bucket with capacity `burst` and fill rate `rate_hz`, full or empty.
@@ -17,7 +17,7 @@ class TokenBucket:
         """
         self._burst = float(burst)
         self._level = self._burst if is_full else 0.0
-        self._rate_hz = rate_hz
+        self._rate_hz = self._full_rate_hz = rate_hz
         self._max_elapsed_s = max_elapsed_s
         self._updated_s = 0.0
 
@@ -28,10 +28,10 @@ class TokenBucket:
         self._level = min(self._burst, self._level + elapsed_s * self._rate_hz)
         return self._level
 
-    def pace(self, rate_hz: float, now_s: float) -> None:
-        """Change the fill rate."""
+    def set_rate_share(self, share: float, now_s: float) -> None:
+        """Reduce the fill rate to a share (0 to 1) of the rate of the start."""
         self.level(now_s)
-        self._rate_hz = rate_hz
+        self._rate_hz = share * self._full_rate_hz
 
     def spend(self, count: float) -> None:
         """Remove tokens."""

@@ -139,7 +139,7 @@ def signature(key: bytes, covered: bytes) -> bytes:
 def timestamp_of(utc_s: float) -> int:
     """Convert a time to a timestamp; 0 for NaN and for a time before 2015 or after MAX_OWN_TIMESTAMP."""
     units = (utc_s - EPOCH_S) * UNITS_HZ
-    return int(units) if 0.0 <= units <= MAX_OWN_TIMESTAMP else 0
+    return int(max(0.0, units)) if units <= MAX_OWN_TIMESTAMP else 0
 
 
 class LinkSealer:

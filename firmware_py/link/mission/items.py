@@ -55,7 +55,7 @@ def _to_int32(value: float, *, is_degrees: bool) -> int | None:
     """
     if math.isnan(value) and not is_degrees:
         return 0
-    if not abs(value) < _INT32:
+    if not math.isfinite(value):
         return None
     integer = round(value * 1e7) if is_degrees else int(value)
     return integer if -_INT32 <= integer < _INT32 else None

@@ -31,7 +31,6 @@ _HEADER = struct.Struct("<HHH")
 _PACKED_TYPES = {Kind.INTEGER: (3, "i"), Kind.REAL: (4, "f")}
 _FORMATS = {1: "b", 2: "h", 3: "i", 4: "f"}
 _HAS_DEFAULT = 0x10
-_MAX_PREFIX = 15
 
 
 class Metadata:
@@ -216,8 +215,8 @@ def _decode_rows(content: bytes) -> Iterator[tuple[str, float]]:
 
 
 def _prefix_length(previous: str, name: str) -> int:
-    """Return the length of the common prefix of two names; a suffix of one character or more remains."""
-    limit = min(len(previous), len(name) - 1, _MAX_PREFIX)
+    """Return the length of the common prefix of two names, at most 15; a suffix of one character or more remains."""
+    limit = min(len(previous), len(name) - 1)
     return next((index for index in range(limit) if previous[index] != name[index]), limit)
 
 

@@ -36,7 +36,6 @@ _ERROR_OF_VERDICT = {
 _REQUEST_READ, _REQUEST_LIST, _SET = 320, 321, 323
 _EXTENDED_FRAME_BYTES = 174  # signed
 _LAYOUTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i", 7: "<Q", 8: "<q", 9: "<f", 10: "<d"}
-_MAX_VALUE_BYTES = 8
 _ACCEPTED, _UNSUPPORTED = mavlink.PARAM_ACK_ACCEPTED, mavlink.PARAM_ACK_VALUE_UNSUPPORTED
 _FAILED = mavlink.PARAM_ACK_FAILED
 
@@ -298,4 +297,6 @@ def _raw_value(message: Message) -> bytes:
 
 
 def _unpack_value(message: Message, layout: str) -> float:
-    return float(struct.unpack_from(layout, _raw_value(message).ljust(_MAX_VALUE_BYTES, b"\0"))[0])
+    # pymavlink removes the zero bytes at the end.
+    content = _raw_value(message).ljust(struct.calcsize(layout), b"\0")
+    return float(struct.unpack_from(layout, content)[0])

@@ -24,7 +24,6 @@ _HEADER_BYTES = {0xFD: 10, 0xFE: 6}
 _SIGNED_FLAG = 0x01
 _SIGNATURE_BYTES = 13
 _INCOMPLETE = 0  # size of a possible frame whose end is missing
-_NO_FRAME = -1  # size at a false marker
 
 _MAX_MAVLINK1_NUMBER = 255
 _RADIO_STATUS = 109  # sent by the modem, not by the peer
@@ -80,17 +79,17 @@ def stamp(packed: Packed, sequence: int) -> bytes:
     return frame[:1] + covered + checksum(covered, packed.seed).to_bytes(2, "little")
 
 
-def _return_payload(_mav: object, _seed: int, payload: bytes, force_mavlink1: bool = False) -> bytes:  # noqa: ARG001, FBT001, FBT002 - pymavlink's signature
+def _return_payload(_mav: object, _seed: int, payload: bytes, force_mavlink1: bool) -> bytes:  # noqa: ARG001, FBT001 - pymavlink's signature
     return payload
 
 
 def _sample_messages() -> tuple[Message, ...]:
     """Return messages with different layouts: trailing zeros, a text, an array, an addition."""
     return (
-        mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
-        mavlink.MAVLink_statustext_message(4, b"text", 3, 1),
-        mavlink.MAVLink_battery_status_message(0, 0, 1, 2510, [12345] + [0xFFFF] * 9, -120, 5, -1, 80),
-        mavlink.mavlink_map[436](3, 15, 0),
+        mavlink.MAVLink_attitude_message(*range(7)),
+        mavlink.MAVLink_statustext_message(1, b"text"),
+        mavlink.MAVLink_battery_status_message(*range(4), range(10), *range(4)),
+        mavlink.mavlink_map[436](*range(3)),
     )
 
 
@@ -201,7 +200,7 @@ class Splitter:
                 self._buffer = data[start:]
                 return
             position = start + 1
-            if size == _NO_FRAME:
+            if size is None:
                 continue
             frame = _check(data[start : start + size])
             if frame is None:
@@ -217,27 +216,27 @@ def _next_frame_offset(data: bytes) -> int | None:
     while (marker := _MARKER.search(data, position)) is not None:
         start = marker.start()
         size = _frame_size(data, start)
-        if size > 0 and _check(data[start : start + size]) is not None:
+        if size and _check(data[start : start + size]) is not None:
             return start
         position = start + 1
     return None
 
 
-def _frame_size(data: bytes, start: int) -> int:
-    """Return the size of the frame that starts at a marker, _INCOMPLETE or _NO_FRAME."""
+def _frame_size(data: bytes, start: int) -> int | None:
+    """Return the size of the frame that starts at a marker, _INCOMPLETE, or None at a false marker."""
     available = len(data) - start
     marker = data[start]
-    flags = data[start + 2] if marker == _MAVLINK2 and available > 2 else 0
-    if flags & ~_SIGNED_FLAG:
-        return _NO_FRAME
     header_bytes = _HEADER_BYTES[marker]
     if available < header_bytes:
         return _INCOMPLETE
+    flags = data[start + 2] if marker == _MAVLINK2 else 0
+    if flags & ~_SIGNED_FLAG:
+        return None
     payload_bytes = data[start + 1]
     message_class = mavlink.mavlink_map.get(_message_number(data, start))
     # A MAVLink 2 frame may have extension fields newer than this dialect; MAVLink 1 has none.
     if message_class is None or (marker != _MAVLINK2 and payload_bytes > message_class.unpacker.size):
-        return _NO_FRAME
+        return None
     size = header_bytes + payload_bytes + 2 + (_SIGNATURE_BYTES if flags else 0)
     return size if available >= size else _INCOMPLETE
 

@@ -74,7 +74,6 @@ class Outbox:
 
     __slots__ = (
         "_blocked_since_s",
-        "_byte_rate",
         "_bytes",
         "_mavlink1_heartbeats",
         "_queues",
@@ -91,7 +90,6 @@ class Outbox:
         """Store the function that sends data; `byte_rate` is in bytes per second, None for a network."""
         self._send = send
         self._sealer = sealer
-        self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None  # None for a network
         if byte_rate is not None:
             self._bytes = TokenBucket(max(byte_rate * _MAX_BURST_S, MAX_FRAME_BYTES), byte_rate)
@@ -106,8 +104,8 @@ class Outbox:
 
     def set_rate_share(self, share: float, now_s: float) -> None:
         """Limit sending to a share (0 to 1) of the rate of the line."""
-        if self._bytes is not None and self._byte_rate is not None:
-            self._bytes.pace(share * self._byte_rate, now_s)
+        if self._bytes is not None:
+            self._bytes.set_rate_share(share, now_s)
 
     def push(self, packed: Packed, priority: Priority) -> None:
         """Queue a message; drop and count it if the queue is full or the credit is spent."""
@@ -225,11 +223,10 @@ class Outbox:
 class BulkShare:
     """Share of the rate of a line for long transfers to a peer."""
 
-    __slots__ = ("_byte_rate", "_bytes", "can_continue")
+    __slots__ = ("_bytes", "can_continue")
 
     def __init__(self, byte_rate: float | None) -> None:
         """Store the rate of the line in bytes per second; None for a network."""
-        self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None
         if byte_rate is not None:
             rate = _BULK_SHARE * byte_rate
@@ -239,8 +236,8 @@ class BulkShare:
 
     def set_rate_share(self, share: float, now_s: float) -> None:
         """Limit sending to a share (0 to 1) of the rate of the line."""
-        if self._bytes is not None and self._byte_rate is not None:
-            self._bytes.pace(_BULK_SHARE * share * self._byte_rate, now_s)
+        if self._bytes is not None:
+            self._bytes.set_rate_share(share, now_s)
 
     def mark_unfinished(self) -> None:
         """Register that a transfer has more data: a line continues at the next tick, a network at once."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import socket
 from collections.abc import Sequence
 
@@ -76,7 +77,7 @@ class _Connection:
 
     def flush(self) -> None:
         """Send as much of the unsent data as the system accepts."""
-        if not self._unsent or not self.is_open:
+        if not self._unsent:
             return
         try:
             self._unsent = self._unsent[self._socket.send(self._unsent) :]
@@ -122,7 +123,7 @@ class TcpServer:
             self._accept()
             return ()
         for number, client in self._clients.items():
-            if client.is_open and client.fileno() == descriptor:
+            if client.fileno() == descriptor:
                 data = client.read()
                 return ((number, data),) if data else ()
         return ()
@@ -198,7 +199,7 @@ class TcpClient:
         self._connecting: socket.socket | None = None
         self._connection: _Connection | None = None
         self._connection_number = 0  # the address of the server as a peer
-        self._next_attempt_s: float | None = None
+        self._next_attempt_s = -math.inf
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptor of the open connection, if there is one."""
@@ -206,7 +207,7 @@ class TcpClient:
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - there is only one
         """Read from the server."""
-        data = self._connection.read() if self._connection is not None and self._connection.is_open else b""
+        data = b"" if self._connection is None else self._connection.read()
         return ((self._connection_number, data),) if data else ()
 
     def send(self, address: Address, data: bytes) -> bool:
@@ -235,7 +236,7 @@ class TcpClient:
             if self._connection.is_open:
                 return
             self._connection = None
-        if self._next_attempt_s is not None and now_s < self._next_attempt_s and self._connecting is None:
+        if now_s < self._next_attempt_s and self._connecting is None:
             return
         self._connect(now_s)
 
