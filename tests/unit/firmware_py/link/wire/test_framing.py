@@ -7,7 +7,6 @@ import pytest
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Splitter
 
-LATE_S = 10.0
 STALE_S = 0.5
 
 FALSE_START = b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00"
@@ -55,7 +54,7 @@ def test_damaged_frame_is_counted_and_its_neighbours_are_found(splitter):
 @pytest.mark.parametrize(
     "steps",
     [
-        pytest.param([(FALSE_START, 0.0, []), (make_frame(7), STALE_S + 0.1, [7])], id="stale"),
+        pytest.param([(FALSE_START, 0.0, []), (make_frame(7), STALE_S + 0.01, [7])], id="stale"),
         # A station that sends four requests per second does not prolong a false start.
         pytest.param(
             [
@@ -68,7 +67,7 @@ def test_damaged_frame_is_counted_and_its_neighbours_are_found(splitter):
             id="repeated_frames",
         ),
         pytest.param(
-            [(FALSE_START + make_frame(7), 0.0, []), (make_frame(8), STALE_S + 0.1, [7, 8])], id="frame_behind_start"
+            [(FALSE_START + make_frame(7), 0.0, []), (make_frame(8), STALE_S + 0.01, [7, 8])], id="frame_behind_start"
         ),
         pytest.param(
             [
@@ -99,10 +98,14 @@ def test_modem_may_deliver_the_parts_of_a_frame_seconds_apart(gap_s):
     assert [frame.data for frame in frames] == [data]
 
 
-def test_incomplete_frame_is_dropped_when_it_is_late(splitter):
-    splitter.feed(make_frame(1)[:-1], 0.0)
-    assert splitter.feed(b"", LATE_S + 0.1) == []
-    assert splitter._buffer == b""
+@pytest.mark.parametrize(("byte_rate", "late_s"), [(None, 10.0), (57.6, 10.0), (30.0, 18.66)])
+def test_incomplete_frame_is_dropped_when_it_is_late(byte_rate, late_s):
+    """On a slow line that is twice the time of the longest frame."""
+    for age_s, expected in ((late_s, [1]), (late_s + 0.01, [])):
+        splitter = Splitter(byte_rate)
+        splitter.feed(make_frame(1)[:-1], 0.0)
+        assert splitter.feed(b"", age_s) == []
+        assert sequences(splitter.feed(make_frame(1)[-1:], age_s)) == expected
 
 
 def test_signed_frames_are_accepted_and_unknown_messages_ignored(splitter):

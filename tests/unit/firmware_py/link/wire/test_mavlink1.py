@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.cli.link_page import list_replies
 from firmware_py.link.telemetry.table import TABLE
-from firmware_py.link.wire.frames import Codec, stamp, to_mavlink1
+from firmware_py.link.wire.frames import Codec, Frame, VersionDetector, stamp, to_mavlink1
 from support.link import of_type
 
 BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
@@ -109,6 +109,29 @@ def test_some_heartbeats_offer_mavlink2_and_one_frame_in_it_is_sufficient(rig, s
     rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     rig.tick_silently()
     assert {data[0] for _, data in rig.transport.sent} == {0xFD}
+
+
+@pytest.mark.parametrize(
+    ("times_s", "frame", "is_mavlink1_only"),
+    [
+        ((0.0, 3.0, 6.0, 9.0, 9.9), Frame(0, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(0, b"\xfe"), True),
+        ((0.0, 3.0, 6.0, 30.0), Frame(0, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(109, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(0, b"\xfd"), False),
+    ],
+    ids=["too early", "five frames in 10 s", "four frames", "of the modem", "in MAVLink 2"],
+)
+def test_peer_uses_only_mavlink1_after_five_frames_in_ten_seconds(times_s, frame, is_mavlink1_only):
+    detector = VersionDetector()
+    for t_s in times_s:
+        detector.update([frame], 100.0 + t_s)
+    assert detector.is_mavlink1_only is is_mavlink1_only
+    detector.update([Frame(0, b"\xfe")], 100.0 + times_s[-1])
+    assert detector.is_mavlink1_only is (is_mavlink1_only or len(times_s) == 4)
+    detector.update([Frame(0, b"\xfd")] + [Frame(0, b"\xfe")] * 4, 200.0)
+    detector.update([], 300.0)
+    assert not detector.is_mavlink1_only
 
 
 def test_radio_status_of_the_modem_does_not_select_mavlink1(make_rig):

@@ -19,7 +19,7 @@ def line():
     return FakeLine(name="/dev/ttyX")
 
 
-@pytest.mark.parametrize(("baud", "is_radio"), [(9600, True), (57600, True), (115200, True), (921600, False)])
+@pytest.mark.parametrize(("baud", "is_radio"), [(9600, True), (57600, True), (115200, True), (115201, False)])
 def test_serial_line_is_opened_with_its_baud_rate(line, baud, is_radio):
     calls = []
     transport = open_transport(f"serial:/dev/ttyX:{baud}", lambda path, rate: calls.append((path, rate)) or line)
@@ -35,7 +35,9 @@ def test_serial_line_exchanges_bytes_until_it_is_unplugged(line):
     assert transport.receive(7) == ()
     assert transport.send(address, b"out")
     assert line.written == [b"out"]
+    assert (transport.is_datagram, transport.is_exposed, transport.blocked_reason) == (False, False, "")
     line.unplug()
+    assert transport.blocked_reason == "the line is not there"
     assert transport.descriptors() == ()
     assert not transport.send(address, b"out")
 
@@ -91,6 +93,8 @@ def test_retried_transport_delegates_after_it_is_opened():
         assert link.addresses() == link.opened.addresses() == (("127.0.0.1", 14550),)
         assert link.descriptors() == link.opened.descriptors()
         assert (link.name, link.options, link.is_datagram) == (url.text, url.options, True)
+        assert (link.has_radio_rates, link.byte_rate, link.connections(), link.blocked_reason) == (False, None, (), "")
+        assert link.host(("127.0.0.1", 14550)) == "127.0.0.1"
     assert len(attempts) == 3
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec
-from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority
+from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioRate
 
 CODEC = Codec(1, 1)
 FRAME_BYTES = 110
@@ -19,11 +19,13 @@ def message(text=b"x" * 40):
 class Line:
     def __init__(self):
         self.data = b""
+        self.sizes = []  # of the datagrams
         self.is_writable = True
 
     def __call__(self, data):
         if self.is_writable:
             self.data += data
+            self.sizes.append(len(data))
         return self.is_writable
 
     def frames(self):
@@ -99,18 +101,37 @@ def test_messages_are_dropped_after_a_line_was_blocked_for_three_seconds(line, o
     assert [frame.text for frame in line.frames()] == ["old", "new"][not is_kept :]
 
 
-def test_queues_are_limited():
-    outbox = Outbox(lambda _: False, None)
-    for _ in range(10_000):
-        for priority in Priority:
-            outbox.push(message(), priority)
-    assert outbox.queued_count(Priority.TELEMETRY) < 300
-    assert outbox.dropped > 29_000
+@pytest.mark.parametrize(("last_text", "sizes"), [(b"x" * 47, [1200]), (b"x" * 48, [1140, 61])])
+def test_datagram_has_at_most_1200_bytes(line, outbox, last_text, sizes):
+    for text in [b"x" * 47] * 19 + [last_text]:
+        outbox.push(message(text), Priority.REPLY)
+    outbox.flush(0.0)
+    assert line.sizes == sizes
+    assert outbox.sent_bytes == sum(sizes)
+
+
+@pytest.mark.parametrize(("byte_rate", "count"), [(4800.0, 20), (100.0, 4), (1e6, 90)])
+def test_idle_line_accumulates_a_quarter_second_or_a_frame_of_280_bytes(line, byte_rate, count):
+    outbox = Outbox(line, byte_rate)
+    for _ in range(90):
+        outbox.push(message(b"x" * 47), Priority.REPLY)
+    outbox.flush(100.0)
+    assert len(line.data) == 60 * count
+
+
+def test_credit_limits_the_queued_bytes(outbox):
+    outbox.credit_bytes = 179
+    assert outbox.frames_in_credit(60) == 2
+    assert outbox.available_bytes(0.0) == 0.0
+    for text, credit_bytes, dropped in ((47, 119, 0), (47, 59, 0), (47, 59, 1), (46, 0, 1), (1, 0, 2)):
+        outbox.push(message(b"x" * text), Priority.URGENT)
+        assert (outbox.credit_bytes, outbox.dropped) == (credit_bytes, dropped)
+    assert outbox.queued_count(Priority.URGENT) == 3
 
 
 def test_transfer_over_a_network_continues_at_once_while_no_reply_is_queued():
     share = BulkShare(None)
-    assert share.max_frames(FRAME_BYTES, 0, 0.0) > 0
+    assert share.max_frames(FRAME_BYTES, 0, 0.0) == 44  # four datagrams
     assert share.max_frames(FRAME_BYTES, 1, 0.0) == 0
     share.mark_unfinished()
     assert share.can_continue
@@ -131,10 +152,41 @@ def test_transfer_over_a_line_uses_70_percent_of_its_rate(byte_rate):
 def test_idle_line_accumulates_a_quarter_second_and_a_stopped_clock_nothing():
     share = BulkShare(5760.0)
     assert share.max_frames(FRAME_BYTES, 0, 0.0) == 0
-    assert share.max_frames(FRAME_BYTES, 0, 1e6) <= 0.25 * 5760.0 / FRAME_BYTES
+    assert share.max_frames(FRAME_BYTES, 0, 1e6) == 0.7 * 0.25 * 5760.0 // FRAME_BYTES
     share.spend(10 * FRAME_BYTES)
     assert share.max_frames(FRAME_BYTES, 0, 1e6) <= 0
     assert share.max_frames(FRAME_BYTES, 0, 0.0) <= 0
+    assert BulkShare(120.0).max_frames(10, 0, 1e6) == 8  # of one second; its quarter is shorter than a frame
+    assert BulkShare(120.0).max_frames(10, 0, 1.1) == 8
+
+
+@pytest.mark.parametrize(
+    ("free_percent", "shares"),
+    [
+        (0, [0.5, 0.25, 0.125, 0.125]),  # at least 120 bytes/s
+        (19, [0.5, 0.25]),
+        (20, [0.8, 0.64]),
+        (49, [0.8, 0.64]),
+        (50, [1.0, 1.0]),
+        (90, [1.0, 1.0]),
+        (-1, [1.0, 1.0]),
+        (101, [1.0, 1.0]),
+        (255, [1.0, 1.0]),
+    ],
+)
+def test_share_of_the_rate_follows_the_free_buffer_of_the_modem(free_percent, shares):
+    rate, slow, network = RadioRate(960.0), RadioRate(60.0), RadioRate(None)
+    for share in shares:
+        for each in (rate, slow, network):
+            each.update(free_percent, 5.0)
+        assert (rate.share, slow.share, network.share) == (pytest.approx(share), 1.0, 1.0)
+    for free, factor in ((91, 1.15), (100, 1.15**2), (90, 1.15**2), (101, 1.15**2)):
+        rate.update(free, 6.0 if free <= 100 else 9.0)
+        assert rate.share == pytest.approx(min(1.0, shares[-1] * factor))
+    was_reduced = rate.share < 1.0
+    assert not rate.reset_after_silence(16.0)
+    assert rate.reset_after_silence(16.1) is was_reduced
+    assert rate.share == 1.0
 
 
 def test_queued_replies_reduce_the_frames_of_a_transfer():

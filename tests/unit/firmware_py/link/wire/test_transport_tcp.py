@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from firmware_py.link.wire import transport_tcp
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.urls import LinkError
 
@@ -53,6 +54,15 @@ def test_each_client_is_a_peer(server, connect):
     for address, data in received.items():
         assert server.send(address, b"to " + data)
     assert (first.recv(100), second.recv(100)) == (b"to one", b"to two")
+    assert (server.is_datagram, server.has_radio_rates, server.byte_rate, server.addresses()) == (
+        False,
+        False,
+        None,
+        (),
+    )
+    assert [server.send(address, b"x") for address in (2, -1, "line")] == [False] * 3
+    server.close()
+    assert (first.recv(1), second.recv(1), server.connections()) == (b"", b"", ())
 
 
 def test_disconnected_client_is_removed_and_its_number_is_not_reused(server, connect):
@@ -138,6 +148,7 @@ def test_client_connects_to_a_server_that_starts_later_and_reconnects(client, cl
             accepted, _ = listener.accept()
             with accepted:
                 numbers.append(client.addresses()[0])
+                assert not client.send(numbers[-1] - 1, b"to the former server")
                 assert client.send(numbers[-1], b"hello")
                 accepted.settimeout(5.0)
                 assert accepted.recv(100) == b"hello"
@@ -146,28 +157,43 @@ def test_client_connects_to_a_server_that_starts_later_and_reconnects(client, cl
         assert receive(client) == []
         assert client.addresses() == ()
     assert numbers[0] != numbers[1]
+    assert (client.is_datagram, client.is_exposed, client.has_radio_rates, client.connections()) == (False,) * 3 + ((),)
 
 
 def test_client_tries_to_connect_once_per_second(client, monkeypatch):
-    attempts = []
-    original = client._connect
-    monkeypatch.setattr(client, "_connect", lambda now_s: (attempts.append(now_s), original(now_s)))
+    attempts, new_socket = [], transport_tcp._new_socket
+    monkeypatch.setattr(transport_tcp, "_new_socket", lambda: attempts.append(tenth) or new_socket())
     for tenth in range(35):
-        client.poll(tenth * 0.1)
-    assert 3 <= len({int(now_s + 1e-9) for now_s in attempts}) <= 4
-    assert len(attempts) <= 8
+        for _ in range(3):  # the refusal may come at a later call
+            client.poll(tenth * 0.1)
+    assert attempts == [0, 10, 20, 30]
 
 
-def test_keepalive_detects_a_vanished_client_within_two_minutes(server, connect):
+def test_vanished_client_is_detected_and_a_slow_one_gets_no_old_data(server, connect):
     connect()
     (connection,) = server._clients.values()
-    connected = connection._socket
-    assert connected.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-    delay_s, interval_s, timeout_ms = (
-        connected.getsockopt(socket.IPPROTO_TCP, option)
-        for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_USER_TIMEOUT)
-    )
-    assert delay_s + interval_s + timeout_ms / 1000 <= 120.0
+    levels = {
+        socket.IPPROTO_TCP: {
+            socket.TCP_NODELAY: 1,
+            socket.TCP_KEEPIDLE: 20,
+            socket.TCP_KEEPINTVL: 10,
+            socket.TCP_USER_TIMEOUT: 60_000,
+            socket.TCP_NOTSENT_LOWAT: 4096,
+        },
+        socket.SOL_SOCKET: {socket.SO_KEEPALIVE: 1, socket.SO_RCVBUF: 2 * 32_768},  # the system doubles the size
+    }
+    for level, options in levels.items():
+        assert {option: connection._socket.getsockopt(level, option) for option in options} == options
+    assert server._listener.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR) == 1
+
+
+def test_client_is_read_in_pieces_of_256_bytes(server, connect):
+    (client,) = connect()
+    client.sendall(b"x" * 600)
+    (number,) = server.connections()
+    received = serve(server, until=lambda received: sum(len(data) for _, data in received) == 600)
+    assert {address for address, _ in received} == {number}
+    assert len(received[0][1]) == 256
 
 
 def test_dropped_client_is_disconnected(server, connect):
@@ -189,3 +215,16 @@ def test_client_tries_all_addresses_of_a_host_name(closing_later, free_port, mon
     addresses[:] = ["127.0.0.1", "127.0.0.3"]  # the server has moved to the second address
     with socket.create_server(("127.0.0.3", port)):
         wait_for_connection(client, 0.0, 1.0)
+
+
+def test_server_that_refuses_is_looked_up_every_ten_seconds(closing_later, free_port, monkeypatch):
+    queries = []
+    monkeypatch.setattr("firmware_py.link.wire.urls.addresses_of", lambda url: queries.append(url) or ("127.0.0.1",))
+    client = closing_later(open_transport(f"tcpout:station.example:{free_port()}", None))
+    for now_s, count in ((0.0, 2), (9.0, 2), (10.0, 3), (19.0, 3), (20.0, 4)):  # the first before the start
+        end_s = time.monotonic() + 10.0
+        for _ in range(3):
+            client.poll(now_s)
+        while len(queries) < count:
+            assert time.monotonic() < end_s
+    assert len(queries) == 4

@@ -29,6 +29,10 @@ BY_PATH = "/dev/serial/by-path/x-usb-0:1.2:1.0-port0"
         ("tcpout:10.0.0.1:5760", "tcpout", "10.0.0.1", 5760),
         ("serial:/dev/ttyS0:57600", "serial", "/dev/ttyS0", 57600),
         (f"serial:{BY_PATH}:115200", "serial", BY_PATH, 115200),
+        ("serial:/dev/ttyS0:300", "serial", "/dev/ttyS0", 300),
+        ("serial:/dev/ttyS0:4000000", "serial", "/dev/ttyS0", 4_000_000),
+        ("sbd:/dev/ttyS0", "sbd", "/dev/ttyS0", 19200),
+        ("sbd:/dev/ttyS0:9600", "sbd", "/dev/ttyS0", 9600),
     ],
 )
 def test_valid_url_is_parsed(text, kind, host, number):
@@ -54,6 +58,8 @@ def test_valid_url_is_parsed(text, kind, host, number):
         ("serial:/dev/ttyS0", "baud rate is missing"),
         ("sbd:", "path is missing"),
         ("serial:/dev/ttyS0:fast", "whole number from 300"),
+        ("serial:/dev/ttyS0:299", "whole number from 300 to 4000000"),
+        ("serial:/dev/ttyS0:4000001", "whole number from 300 to 4000000"),
     ],
 )
 def test_invalid_url_is_rejected_in_one_line_with_a_remedy(text, reason):
@@ -69,6 +75,14 @@ def test_all_options_are_parsed():
     assert url.options == LinkOptions(
         trusted=True, policy=Policy.SIGNED_COMMANDS, link_class=LinkClass.SATELLITE, systems=frozenset({255, 250})
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "is_set"),
+    [("1", True), ("true", True), ("yes", True), ("0", False), ("false", False), ("no", False)],
+)
+def test_switch_has_three_words_for_on_and_off(text, is_set):
+    assert parse_options(f"trusted={text}&systems=1") == LinkOptions(trusted=is_set, systems=frozenset({1}))
 
 
 def test_url_without_options_has_the_defaults():

@@ -6,6 +6,7 @@ import threading
 
 import pytest
 
+from firmware_py.common.records import Progress
 from firmware_py.link.wire.worker import Worker
 
 
@@ -24,11 +25,24 @@ def poll(worker):
 
 
 def test_job_runs_on_its_thread_and_the_callback_on_the_callers(worker):
-    calls = []
-    worker.submit(threading.get_ident, lambda result: calls.append((result, threading.get_ident())))
+    calls, may_end = [], threading.Event()
+
+    def job():
+        assert may_end.wait(10.0)
+        return threading.get_native_id()
+
+    assert not worker.has_pending_jobs
+    worker.submit(job, lambda result: calls.append((result, threading.get_native_id())))
+    assert worker.has_pending_jobs
+    (before,) = worker.progress()
+    may_end.set()
     poll(worker)
+    assert not worker.has_pending_jobs
     ((job_thread, callback_thread),) = calls
-    assert callback_thread == threading.get_ident() != job_thread
+    assert callback_thread == threading.get_native_id() != job_thread
+    # A job may read a large log for five minutes.
+    assert before == Progress("link files", True, 0, 300.0, True, job_thread)
+    assert worker.progress() == (Progress("link files", False, 1, 300.0, True, job_thread),)
 
 
 def test_exception_of_a_job_is_its_result(worker):
@@ -57,6 +71,7 @@ def test_without_thread_a_job_is_executed_at_once():
     assert results == [5]
     assert worker.fileno() == -1
     worker.poll()
+    assert (worker.has_pending_jobs, worker.progress()) == (False, ())
     worker.close()
 
 
