@@ -230,9 +230,16 @@ class Rig:
         """Let the link receive bytes; return the messages that it sends."""
         self.transport.inbox.append((address, data))
         self.endpoint.service(self.now_s, [self.transport.descriptor])
-        while self.endpoint.busy:
-            self.endpoint.service(self.now_s, [])
+        self.finish()
         return self.replies()
+
+    def finish(self):
+        """Call the link until it has no more work; return the number of calls."""
+        for calls in range(10_000):
+            if not self.endpoint.busy:
+                return calls
+            self.endpoint.service(self.now_s, [])
+        raise AssertionError("the link stays busy")
 
     def tell(self, *messages, address="station"):
         """Send messages to the link; return the messages that it sends."""

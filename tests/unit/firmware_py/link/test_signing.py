@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Stored
-from firmware_py.link.signing import EPOCH_S, KeyState, LinkSealer, Signing, timestamp_of
+from firmware_py.link.signing import NO_VAULT, KeyState, LinkSealer, Signing, from_text, timestamp_of
 from firmware_py.link.wire.frames import Codec
 
 UNITS_HZ = 100_000
@@ -21,7 +21,7 @@ STORED_LEAD = 15 * UNITS_HZ
 KEY = bytes(range(1, 33))
 OTHER_KEY = bytes(32 * [7])
 UTC_S = 1.7e9
-NOW = timestamp_of(UTC_S)
+NOW = 27_992_960_000_000  # at UTC_S: 10 us since 2015
 
 
 class Boat:
@@ -58,6 +58,21 @@ class Station:
         if at is not None:
             self.mav.signing.timestamp = at
         return mavlink.MAVLink_ping_message(1, 2, 0, 0).pack(self.mav)
+
+
+@pytest.mark.parametrize(
+    ("utc_s", "timestamp"),
+    [
+        (1_420_070_399.0, 0),
+        (1_420_070_400.0, 0),  # 2015
+        (1_420_070_401.0, 100_000),
+        (UTC_S, NOW),
+        (3_627_590_400.0, 220_752_000_000_000),  # 70 years of 365 days later
+        (3_627_590_400.1, 0),
+    ],
+)
+def test_timestamp_counts_10_us_since_2015_for_70_years(utc_s, timestamp):
+    assert timestamp_of(utc_s) == timestamp
 
 
 MESSAGES = st.one_of(
@@ -113,7 +128,9 @@ def test_replayed_and_older_frames_are_refused():
     assert boat.signing.verify(second)
     assert not boat.signing.verify(second)
     assert not boat.signing.verify(first)
+    assert boat.signing.late_frames == 2
     assert boat.signing.verify(third)
+    assert boat.signing.late_frames == 2
 
 
 def test_streams_differ_by_system_component_and_link():
@@ -130,7 +147,9 @@ def test_streams_differ_by_system_component_and_link():
     [(0, True), (MAX_NEW_STREAM_LAG, True), (MAX_NEW_STREAM_LAG + 1, False), (-(10**9), True), (NOW, False)],
 )
 def test_new_stream_may_be_one_minute_late(behind, received):
-    assert Boat().signing.verify(Station().ping(at=NOW - behind)) is received
+    boat = Boat()
+    assert boat.signing.verify(Station().ping(at=NOW - behind)) is received
+    assert boat.signing.late_frames == (not received)
 
 
 def test_timestamp_beyond_the_maximum_is_refused():
@@ -207,14 +226,25 @@ def test_peer_is_accepted_at_once_after_an_orderly_end():
     assert again.signing.verify(station.ping())
 
 
-def test_timestamps_are_stored_rarely():
+@pytest.mark.parametrize("direction", ["sends", "receives"])
+def test_timestamps_are_stored_15_s_ahead_when_half_of_that_is_used(direction):
     boat, station = Boat(), Station()
     sealer, packed = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
-    for tick in range(6000):  # ten minutes
-        boat.utc_s = UTC_S + tick * 0.1
-        sealer.seal(packed, 0)
-        assert boat.signing.verify(station.ping(at=NOW + tick * UNITS_HZ // 10))
-    assert len(boat.saved) < 600 / 7
+    expected = [0]
+    for tick in range(1000):
+        timestamp = NOW + tick * UNITS_HZ // 10
+        boat.utc_s = UTC_S + tick * 0.1 + 1e-6
+        if direction == "sends":
+            sealer.seal(packed, 0)
+        else:
+            assert boat.signing.verify(station.ping(at=timestamp))
+        if timestamp - expected[-1] > STORED_LEAD // 2:
+            expected.append(timestamp)
+    records = [from_text(text) for text in boat.saved[1:]]
+    assert [record.timestamp for record in records] == [timestamp + STORED_LEAD for timestamp in expected]
+    if direction == "receives":
+        assert [record.streams for record in records[1:]] == [{(255, 190, 3): each.timestamp} for each in records[1:]]
+    assert boat.both == [True] + [False] * (len(records) - 1)
 
 
 def test_number_of_streams_is_limited():
@@ -315,11 +345,29 @@ def test_outdated_record_accepts_no_replay_on_a_missing_stream():
     assert again.signing.verify(station.ping())
 
 
-def test_frequent_changes_are_stored_in_one_slot():
-    boat = Boat()
-    boat.utc_s += 60.0
-    LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
-    assert boat.both == [True, False]
+@pytest.mark.parametrize("change", ["none", "set", "removed"])
+def test_key_of_a_late_disk_is_used_unless_it_was_changed_before(change):
+    stored = Boat().saved[-1]
+    boat = Boat(key=OTHER_KEY if change == "set" else None)
+    if change == "removed":
+        boat.signing.remove_key()
+    boat.saved.clear()
+    boat.both.clear()
+    assert boat.signing.restore_late(Stored(stored)) is (change == "none")
+    assert boat.signing.verify(Station().ping()) is (change == "none")
+    assert boat.signing.has_key is (change != "removed")
+    if change == "removed":
+        assert (boat.saved, boat.both) == ([b""], [True])
+    elif change == "set":
+        assert (from_text(boat.saved[-1]).key, from_text(boat.saved[-1]).timestamp) == (OTHER_KEY, STORED_LEAD)
+        assert boat.both == [True]
+
+
+def test_vault_without_storage_is_empty_and_stores_nothing():
+    results = []
+    NO_VAULT.save(b"key")
+    NO_VAULT.when_stored(results.append)
+    assert (results, NO_VAULT.load()) == ([False], Stored())
 
 
 def test_every_stored_timestamp_is_readable_at_the_next_start():
@@ -332,7 +380,7 @@ def test_every_stored_timestamp_is_readable_at_the_next_start():
 def test_clock_at_the_maximum_leaves_timestamps_for_peers():
     """A false GPS time sets the clock to the maximum; each own frame increases it, and the stations follow."""
     boat, station = Boat(), Station()
-    boat.utc_s = EPOCH_S + (MAX_TIMESTAMP - 10) / UNITS_HZ
+    boat.utc_s = 1_420_070_400 + (MAX_TIMESTAMP - 10) / UNITS_HZ
     sealer, ping = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     for number in range(30):
         station.mav.signing.timestamp = int.from_bytes(sealer.seal(ping, number)[-12:-6], "little")
