@@ -21,6 +21,8 @@ def contender(number, host="host", *, is_owner=True, frame_s=NOW_S):
 def test_no_peer_is_evicted_while_there_is_capacity():
     connections = [contender(number) for number in range(MAX_ACTIVE_PEERS - 1)]
     assert select_evictions(contender(99), connections, NOW_S) == ()
+    unknown = [contender(number, is_owner=False) for number in range(MAX_UNKNOWN_PEERS - 1)]
+    assert select_evictions(contender(99, is_owner=False), unknown, NOW_S) == ()
 
 
 @pytest.mark.parametrize("is_owner", [True, False])
@@ -28,6 +30,8 @@ def test_only_a_silent_peer_is_evicted_among_equals_of_one_host(is_owner):
     count = MAX_ACTIVE_PEERS if is_owner else MAX_UNKNOWN_PEERS
     connections = [contender(number, is_owner=is_owner) for number in range(count)]
     assert select_evictions(contender(99, is_owner=is_owner), connections, NOW_S) is None
+    quiet = contender(50, is_owner=is_owner, frame_s=NOW_S - QUIET_S)
+    assert select_evictions(contender(99, is_owner=is_owner), [*connections[1:], quiet], NOW_S) is None
     silent = contender(50, is_owner=is_owner, frame_s=NOW_S - QUIET_S - 0.1)
     assert select_evictions(contender(99, is_owner=is_owner), [*connections[1:], silent], NOW_S) == (silent,)
 
@@ -38,6 +42,8 @@ def test_host_with_most_peers_loses_peers_until_both_have_equal_numbers():
     half = MAX_ACTIVE_PEERS // 2
     shared = [*crowd[:half], *(contender(20 + number, "other") for number in range(half))]
     assert select_evictions(contender(99, "other"), shared, NOW_S) is None
+    shared[-1] = crowd[half]  # five and three
+    assert select_evictions(contender(99, "other"), shared, NOW_S) == (crowd[half],)
 
 
 def test_unknown_peer_is_evicted_before_silent_owners():

@@ -4,9 +4,12 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.parameter_table import TABLE
+from firmware_py.link.peers import Peer
 from firmware_py.link.signing import timestamp_of
-from firmware_py.link.wire.urls import parse_options
-from support.link import without_unrequested
+from firmware_py.link.wire.frames import Frame
+from firmware_py.link.wire.outbox import UnsignedSealer
+from firmware_py.link.wire.urls import LinkClass, LinkOptions, parse_options
+from support.link import MemoryTransport, without_unrequested
 
 FORGET_S = 300.0
 MAX_ACTIVE_PEERS = 8
@@ -53,15 +56,18 @@ def seated(rig):
 
 
 def test_noise_of_an_unknown_sender_gets_no_reply(open_rig):
-    open_rig.give(b"\xfd\x00noise" * 50, "stranger")
+    assert open_rig.give(b"\xfd\x00noise" * 50, "stranger") == []
     assert open_rig.tick() == []
     assert open_rig.endpoint._peers.rejected == 1
 
 
 def test_sender_of_one_frame_gets_a_few_heartbeats_only(open_rig):
-    replies = without_unrequested([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
-    assert set(kinds(replies)) == {"HEARTBEAT"}
-    assert 2 <= len(replies) <= 10
+    beats_s = [open_rig.now_s for _ in without_unrequested(open_rig.tell(BEAT, address="station"))]
+    for _ in range(120):
+        replies = open_rig.tick(seconds=0.25, armed=False)
+        assert set(kinds(replies)) <= {"HEARTBEAT"}
+        beats_s += [open_rig.now_s for _ in replies]
+    assert beats_s == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # 8 bytes for each byte received
     assert seated(open_rig) == set()
 
 
@@ -100,7 +106,9 @@ def test_long_reply_is_completed_after_the_peer_is_proven(open_rig):
 
 def test_silent_peer_must_prove_its_address_again(open_rig):
     open_rig.prove()
-    open_rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
+    open_rig.tick_silently(seconds=UNPROVEN_AFTER_S)
+    assert "ATTITUDE" in kinds(open_rig.replies())
+    open_rig.tick(seconds=0.1)
     assert open_rig.ticks(300) == []
     assert kinds(open_rig.tell(READ, address="station")).count("PARAM_VALUE") == 1
     assert "ATTITUDE" not in kinds(open_rig.ticks(20))
@@ -116,6 +124,34 @@ def test_signing_peer_is_proven_at_once(keyed):
     rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     rig.tick_silently()
     assert rig.transport.sent
+
+
+@pytest.mark.parametrize(("silence_s", "is_due"), [(3.0, False), (3.1, True)])
+def test_silent_peer_may_have_restarted_after_three_seconds(silence_s, is_due):
+    peer = Peer(MemoryTransport(), "station", UnsignedSealer(), 0.0)
+    assert peer.may_need_introduction(0.0)
+    peer.is_introduced = True
+    assert peer.may_need_introduction(0.0)  # no frame yet
+    peer.register_reception(20, 5.0)
+    assert peer.may_need_introduction(5.0 + silence_s) is is_due
+
+
+@pytest.mark.parametrize(("is_satellite", "sent_bytes"), [(True, 0), (True, 20), (False, 0), (False, 20)])
+def test_reply_of_an_unproven_peer_proves_it(is_satellite, sent_bytes):
+    link_class = LinkClass.SATELLITE if is_satellite else LinkClass.FAST
+    peer = Peer(MemoryTransport(options=LinkOptions(link_class=link_class)), "station", UnsignedSealer(), 0.0)
+    peer.outbox.sent_bytes = 100  # these do not count
+    peer.mark_unproven()
+    assert (peer.is_proven, peer.bulk_frames(50, 0.0)) == (False, 0)
+    peer.outbox.sent_bytes += sent_bytes
+    assert peer.register_reception(20, 0.0) is (is_satellite or sent_bytes > 0)
+    if not is_satellite and not sent_bytes:
+        assert peer.outbox.credit_bytes == 160
+    # A peer that received nothing, or that pays for each message, does not select MAVLink 1.
+    peer.outbox.sent_bytes = sent_bytes
+    for t_s in (0.0, 3.0, 6.0, 9.0, 10.0):
+        peer.update_version([Frame(0, b"\xfe")], t_s)
+    assert peer.outbox.is_mavlink1_only is (not is_satellite and sent_bytes > 0)
 
 
 def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):
@@ -240,6 +276,14 @@ def test_client_without_a_frame_is_dropped(connected, policy, gets):
     assert seated(rig) == set()
     rig.tick(seconds=2.0)
     assert rig.transport.dropped == [("client", 1)]
+
+
+def test_dropped_client_is_reported_to_the_stations(connected, texts):
+    rig = connected()
+    rig.transport.served = ("station",)
+    rig.tell(BEAT, address="datagram peer")  # has no connection
+    replies = rig.ticks(105)
+    assert texts(replies) == ["client on memory dropped: no valid frame"]
 
 
 def test_client_with_noise_is_dropped(connected):
@@ -395,8 +439,13 @@ def test_blocked_link_is_reported_once_over_the_other_links(rig, texts):
         reports += texts(rig.ticks(50))
         assert rig.endpoint.status(rig.now_s)[0].blocked_reason == blocked_reason
     assert reports == []  # for five seconds at a time
-    reports = texts(rig.ticks(600))
-    assert reports == ["Link blocked: memory: network is unreachable"]
+    rig.transport.blocked_reason = ""
+    rig.tick()
+    rig.transport.blocked_reason = "network is unreachable"
+    rig.tick()
+    assert texts(rig.tick(seconds=9.9)) == []
+    assert texts(rig.tick(seconds=0.101)) == ["Link blocked: memory: network is unreachable"]
+    assert texts(rig.ticks(600)) == []
     rig.transport.blocked_reason = ""
     rig.tick()
     rig.transport.blocked_reason = "no buffer space available"
