@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
+from firmware_py.link.access import make_reading_test
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault
@@ -43,6 +44,10 @@ def linked(make_rig):
 def sign(rig, key=KEY):
     signing = rig.station.signing
     signing.secret_key, signing.timestamp, signing.sign_outgoing = key, NOW, True
+
+
+def kinds_in_order(messages):
+    return [message.get_type() for message in messages]
 
 
 def kinds(messages):
@@ -148,6 +153,9 @@ def test_sender_with_an_old_timestamp_gets_a_signed_heartbeat_only(linked):
     before = len(rig.request_handler.intents)
     replies = [message for _ in range(50) for message in rig.give(old, address="stranger")]
     assert [message.get_type() for message in replies] == ["HEARTBEAT"] * MAX_LATE_HEARTBEATS
+    for seconds, count in ((0.95, 0), (0.05, 1)):
+        rig.now_s += seconds
+        assert kinds_in_order(rig.give(old, address="stranger")) == ["HEARTBEAT"] * count
     rig.tick_silently(seconds=1.0)
     assert {address for address, _ in rig.transport.sent} == {"station"}
     assert len(rig.request_handler.intents) == before
@@ -168,14 +176,19 @@ def test_radio_status_needs_no_signature(linked):
 def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
     replies = rig.tell(ARM, SET)
-    ack, error = (message for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
-    assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_DENIED)
-    assert (error.param_id, error.error) == ("CTL_K1", mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
+    answers = [message.to_dict() for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR")]
+    error = mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
+    assert answers == [
+        mavlink.MAVLink_command_ack_message(400, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190).to_dict(),
+        {**mavlink.MAVLink_param_error_message(255, 190, b"CTL_K1", -1, error).to_dict(), "param_id": "CTL_K1"},
+    ]
     assert texts(replies) == ["COMMAND_LONG refused: not signed", "PARAM_SET refused: not signed"]
     (extended,) = of(rig.tell(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
     assert (extended.param_id, extended.param_result) == ("CTL_K1", mavlink.PARAM_ACK_FAILED)
     assert of(rig.tell(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
     others = [
+        mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 2),
+        mavlink.MAVLink_mission_item_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 1),
         mavlink.MAVLink_command_int_message(1, 1, 3, 192, 0, 0, 0, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_set_mode_message(1, 1, 4),
         mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
@@ -183,16 +196,24 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
         mavlink.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
-        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 6, *[0] * 247]),  # create
+        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, 6, *[0] * 247]),  # create
     ]
     replies = [message for other in others for message in rig.tell(other)]
     assert rig.request_handler.intents == []
-    answers = [message for message in replies if message.get_type() != "STATUSTEXT"]
-    assert [message.get_type() for message in answers] == [
-        "COMMAND_ACK", "COMMAND_ACK", "MISSION_ACK", "MISSION_ACK", "MISSION_ACK", "FILE_TRANSFER_PROTOCOL"
-    ]  # fmt: skip
-    assert {message.type for message in answers[2:5]} == {mavlink.MAV_MISSION_DENIED}
-    assert answers[5].payload[:6] == [6, 0, 0, 129, 1, 6]
+    answers = [message.to_dict() for message in replies if message.get_type() != "STATUSTEXT"]
+    denied = mavlink.MAV_MISSION_DENIED
+    expected = [
+        *(mavlink.mavlink_map[47](255, 190, denied, kind, 0) for kind in (2, 1)),
+        *(
+            mavlink.MAVLink_command_ack_message(number, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190)
+            for number in (192, 11)
+        ),
+        *(mavlink.mavlink_map[47](255, 190, denied, 0, 0) for _ in range(3)),
+        mavlink.MAVLink_file_transfer_protocol_message(
+            0, 255, 190, [6, 0, 2, 129, 1, 6, 0, 0, 0, 0, 0, 0, 9, *[0] * 238]
+        ),
+    ]
+    assert answers == [message.to_dict() for message in expected]
 
 
 def test_request_for_data_is_not_a_command(linked, of):
@@ -210,10 +231,31 @@ def test_refusals_are_limited(linked):
     rig = linked("policy=signed-commands")
     replies = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
     assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == MAX_BURST_DENIALS
-    rig.now_s += 1.0
-    replies = rig.tell(*[ARM] * 20)
-    assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == 5
+    for seconds, count in ((2.0, 10), (0.19, 0), (0.02, 1)):
+        rig.now_s += seconds
+        replies = rig.tell(*[ARM] * 20)
+        assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == count
     assert rig.request_handler.intents == []
+
+
+# The messages that only request data for their sender; all others, also those of later versions, are commands.
+READING = {0, 4, 20, 21, 37, 40, 43, 47, 51, 66, 109, 111, 117, 119, 122, 320, 321}
+
+
+def test_reading_messages_and_file_operations_need_no_rights_to_command():
+    only_reads = make_reading_test(frozenset({512}))
+    message = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert {
+        number for number in range(13_000) if number not in (75, 76, 110) and only_reads(number, message)
+    } == READING
+    assert (only_reads(75, message), only_reads(76, message), only_reads(76, ARM)) == (True, True, False)
+    opcodes = set()
+    for opcode in range(256):
+        request = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, opcode, *[0] * 247])
+        if only_reads(110, request):
+            opcodes.add(opcode)
+    # None, terminate, reset, list, open and read; checksum, burst, list with times.
+    assert opcodes == {0, 1, 2, 3, 4, 5, 14, 15, 16}
 
 
 # --------------------------------------------------------------------------- systems and MAVLink 1

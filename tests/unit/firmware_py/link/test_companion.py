@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.intents import ReportBattery, Request, Verdict
+from firmware_py.common.intents import Answer, ReportBattery, Request, Verdict
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
@@ -63,10 +63,19 @@ def test_batteries_of_other_components_are_ignored(companion, who):
     assert companion(battery(), **who) == []
 
 
-def test_only_the_first_battery_is_used_at_a_limited_rate(companion):
+def test_only_the_first_battery_is_used_at_a_limited_rate(rig, companion):
     assert companion(battery(number=1)) == []
-    assert len(companion(battery())) == 1
-    assert companion(battery()) == []
+    for seconds, count in ((0.0, 1), (0.0, 0), (0.49, 0), (0.01, 1)):
+        rig.now_s += seconds
+        assert len(companion(battery())) == count
+
+
+@pytest.mark.parametrize(("reason", "text"), [("not now", "not now"), ("", "BATTERY_STATUS refused")])
+def test_refused_battery_is_reported_with_its_reason(rig, texts, reason, text):
+    rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", 200)
+    rig.station.srcSystem, rig.station.srcComponent = 1, 200
+    rig.request_handler.answer = Answer(Verdict.DENIED, reason)
+    assert texts(rig.tell(battery())) == [text]
 
 
 def judged(**values):

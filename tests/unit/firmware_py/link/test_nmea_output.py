@@ -6,6 +6,7 @@ from contextlib import closing
 
 import pytest
 
+from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.link.nmea import NmeaData, open_output
 from firmware_py.link.wire.urls import LinkError
 from support.line import FakeLine
@@ -25,6 +26,23 @@ def listener():
         yield made
 
 
+@pytest.mark.parametrize(("rate", "count"), [("0.01", 1), ("10", 10), ("1", 1)])
+def test_rate_is_from_one_in_100_s_to_10_hz(listener, rate, count):
+    url = f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}?sentences=HDT&rate={rate}"
+    with closing(open_output(url, None)) as output:
+        for twentieth in range(20):
+            output.publish(scene, twentieth / 20.0)
+        assert output.status(0.0).peers[0].sent_bytes == 18 * count
+
+
+def test_line_may_be_used_completely():
+    url = "nmea:serial:/dev/ttyX:1640?sentences=HDT,RMC"
+    with closing(open_output(url, lambda *_: FakeLine())) as output:  # two sentences of 82 bytes
+        assert output.status(0.0).url == url
+    with pytest.raises(LinkError, match="164 bytes/s may be needed, and the line has 163"):
+        open_output(url.replace("1640", "1630"), lambda *_: FakeLine())
+
+
 @pytest.mark.parametrize("kind", ["udp", "udpout"])
 def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener, kind):
     url = f"nmea:{kind}:127.0.0.1:{listener.getsockname()[1]}?sentences=RSA,HDT&rate=2"
@@ -33,7 +51,8 @@ def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener,
             output.publish(scene, tenth / 10.0)
         assert listener.recv(2000).split(b"\r\n")[:-1] == [b"$AGRSA,11.5,A,,V*4A", b"$HCHDT,57.3,T*18"]
         reports = output.status(1.0)
-        assert (reports.url, reports.rates, reports.peers[0].sent_bytes) == (url, "NMEA 0183", 2 * (21 + 18))
+        peer = PeerStatus("1 listening", False, True, False, None, 2 * (21 + 18), 0, 0)
+        assert reports == LinkStatus(url, "NMEA 0183", (peer,))
 
 
 def test_missed_intervals_are_skipped(listener):
@@ -41,8 +60,9 @@ def test_missed_intervals_are_skipped(listener):
         output.publish(scene, 0.0)
         once = output.status(0.0).peers[0].sent_bytes
         output.publish(scene, 100.0)
-        output.publish(scene, 100.1)
-        assert output.status(0.0).peers[0].sent_bytes == 2 * once
+        for now_s, count in ((100.9, 2), (101.0, 3), (101.9, 3), (102.0, 4)):
+            output.publish(scene, now_s)
+            assert output.status(0.0).peers[0].sent_bytes == count * once
 
 
 def test_several_tcp_listeners_receive_and_their_bytes_are_discarded():
@@ -83,7 +103,9 @@ def test_full_line_drops_and_counts_complete_messages():
         ("nmea:carrier:0", "use nmea:udpout:"),
         ("nmea:udpout:127.0.0.1:10110?sentences=HDT,XYZ", "there are sentences=HDT,"),
         ("nmea:udpout:127.0.0.1:10110?rate=nan", "rate=0.01 to 10"),
-        ("nmea:udpout:127.0.0.1:10110?rate=0", "rate=0.01 to 10"),
+        ("nmea:udpout:127.0.0.1:10110?rate=0.0099", "rate=0.01 to 10"),
+        ("nmea:udpout:127.0.0.1:10110?rate=10.1", "rate=0.01 to 10"),
+        ("nmea:udpout:127.0.0.1:10110?rate=-1", "rate=0.01 to 10"),
         ("nmea:udpout:127.0.0.1:10110?policy=open", "there are sentences="),
         ("nmea:udpout:127.0.0.1:99999", "not a port"),
         ("nmea:serial:/dev/ttyX:4800", "738 bytes/s may be needed, and the line has 480"),

@@ -47,6 +47,7 @@ def test_heading_sentences_are_true_and_magnetic():
     assert replies("HDG").data == ["2.3", "", "", "12.3", "W"]
     assert replies("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
     assert replies("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
+    assert replies("ROT", yaw_rate_rad_s=-1e-6).data == ["0.0", "A"]
 
 
 def test_north_is_0_degrees():
@@ -62,7 +63,14 @@ def test_position_sentences_contain_time_and_velocity():
     gga = replies("GGA")
     assert (gga.latitude, gga.longitude, gga.gps_qual, gga.num_sats) == (-33.5, 151.25, 1, "08")
     assert (float(gga.horizontal_dil), gga.altitude) == (1.2, 12.5)
-    assert replies("GGA", position=msgspec.structs.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
+    for fix, quality in ((FixType.DGPS, 2), (FixType.RTK_FIXED, 4), (FixType.RTK_FLOAT, 5)):
+        assert replies("GGA", position=msgspec.structs.replace(FIX, fix=fix)).gps_qual == quality
+    for satellites, text in ((None, ""), (-1, "00"), (99, "99"), (120, "99")):
+        assert replies("GGA", position=msgspec.structs.replace(FIX, satellites=satellites)).num_sats == text
+    east = msgspec.structs.replace(FIX, latitude_rad=math.radians(0.0), longitude_rad=math.radians(-181.0))
+    assert replies("RMC", position=east).data[2:6] == ["0000.0000", "N", "17900.0000", "E"]
+    unknown = msgspec.structs.replace(FIX, longitude_rad=None)
+    assert replies("RMC", position=unknown).data[1:6] == ["V", "", "", "", ""]
 
 
 def test_minutes_are_below_60():
@@ -85,9 +93,17 @@ def test_old_position_is_not_sent():
 def test_sentences_without_a_value_are_omitted():
     for name in ("HDT", "HDG", "ROT"):
         assert replies(name, heading_ok=False) is None
-    assert replies("XTE") is None
-    assert replies("APB") is None
+    assert replies("ROT", yaw_rate_rad_s=None) is None
+    no_line = Navigation(Activity.LINE, cross_track_m=None), Navigation(Activity.STATION, cross_track_m=5.0)
+    for name in ("XTE", "APB"):
+        assert replies(name) is None
+        assert replies(name, **LINE, position_ok=False) is None
+        for navigation in no_line:
+            assert replies(name, **{**LINE, "navigation": navigation}) is None
     assert replies("VHW", heading_ok=False) is None
+    assert replies("VHW").data == ["350.0", "T", "2.3", "M", "", "N", "", "K"]
+    only_speed = replies("VHW", heading_ok=False, water=Water(0.4, 0.1, 0.0, 0.0, 0.1))
+    assert only_speed.data == ["", "T", "", "M", "0.78", "N", "1.44", "K"]
 
 
 def test_rudder_to_starboard_is_positive_and_missing_rudder_is_invalid():
@@ -104,6 +120,11 @@ def test_boat_to_starboard_of_the_line_steers_left():
     # Half the distance to the place off the line: that lies 30 degrees to the left of the bearing.
     assert apb[:7] == ["A", "A", "0.100", "L", "N", "V", "V"]
     assert apb[7:] == ["110.0", "T", "007", "80.0", "T", "114.6", "T", "A"]
+    far = {"navigation": Navigation(Activity.LINE, arrived=True, cross_track_m=18_600.0)}
+    for changes in (far, {**far, "distance_m": 18_600.0}, {**far, "distance_m": None}):
+        apb = replies("APB", **{**LINE, **changes, "mission": MissionReport()}).data
+        assert apb[2:] == ["9.990", "L", "N", "A", "V", "", "T", "GOAL", "80.0", "T", "114.6", "T", "A"]
+    assert replies("APB", **{**LINE, "bearing_rad": None}).data[7:11] == ["", "T", "007", ""]
 
 
 def test_water_speed_is_in_knots_and_kilometres_per_hour():

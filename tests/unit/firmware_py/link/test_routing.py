@@ -83,6 +83,7 @@ def test_addressed_message_is_forwarded_on_its_route_and_not_executed(net):
     rig, station, companion, _ = net()
     assert station.say(command(1, 191)) == {}  # no peer knows him yet
     companion.say(BEAT)
+    assert station.say(command(1, 192), command(2, 191)) == {}
     frame = station.frame(command(1, 191))
     assert station.send(frame) == {"b": [frame]}
     assert rig.request_handler.intents == []
@@ -106,8 +107,11 @@ def test_looped_frame_is_not_forwarded_again(net):
     station.send(frame)
     assert other.send(frame) == {}  # by a strange way
     assert station.send(frame) == {}  # by its own: the same bytes
-    rig.now_s += DUPLICATE_S + 0.1
+    rig.now_s += DUPLICATE_S
+    assert station.send(frame) == {}
+    rig.now_s += 0.1
     assert other.send(frame) == {}
+    assert station.send(frame) == {"b": [frame], "c": [frame]}
     assert companion.say(BEAT)
     assert station.say(BEAT)
 
@@ -149,11 +153,41 @@ def test_only_routed_links_and_commanders_are_forwarded(net, options, routed):
 
 def test_routing_overload_is_limited_and_reported(net):
     rig, station, _, _ = net()
-    passed = station.send(*(station.frame(BEAT) for _ in range(200)))
-    assert len(passed["b"]) <= MAX_BURST
-    rig.tick()
+
+    def send(count, address="b"):
+        return len(station.say(*[BEAT] * count).get(address, ()))
+
+    assert send(150) == MAX_BURST
+    rig.now_s += 0.1
+    assert send(150) == 20
     rig.now_s += 10.0
-    assert len(station.say(BEAT, BEAT)["b"]) == 2
+    assert (send(2), send(2, "c")) == (2, 2)
+    for component in range(8):
+        Voice(rig, "a", 255, component).say(*[BEAT] * 150)
+    assert len(rig.endpoint._router._recent_frames) == 1024
+
+
+def test_blocked_peer_gets_the_first_32_routed_messages(net):
+    rig, station, companion, _ = net()
+    companion.say(BEAT)
+    rig.transport.is_writable = False
+    frames = [station.frame(command(1, 191)) for _ in range(40)]
+    assert station.send(*frames) == {}
+    rig.transport.is_writable = True
+    rig.endpoint.service(rig.now_s, [])
+    sent = b"".join(data for to, data in rig.transport.sent if to == "b")
+    assert [frame for frame in frames if frame in sent] == frames[:32]
+
+
+def test_frames_of_an_unproven_peer_are_not_routed(net):
+    rig, _, _, other = net()
+    other.address = "stranger"
+    assert set(other.say(BEAT)) <= {"stranger"}
+    assert set(other.say(BEAT)) >= {"a", "b", "c"}  # it is proven by its second frame
+    rig.tick(seconds=10.1)
+    passed = Voice(rig, "a", 255, 190).say(BEAT)
+    assert "stranger" not in passed  # it must prove its address again
+    assert set(passed) == {"b", "c"}
 
 
 def test_number_of_routes_is_limited(net):
