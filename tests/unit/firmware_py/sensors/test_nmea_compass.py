@@ -174,13 +174,14 @@ def test_only_selected_sentences_are_used(line, deliver):
 
 
 def test_reopened_port_discards_the_incomplete_sentence_and_the_turn_rate(line, deliver, nmea, compass):
-    deliver(compass, "HEHDT,10,T", "TIROT,60,A", nmea("HEHDT,20,T")[:9])
+    deliver(compass, *["HEHDT,10,T"] * 3, "TIROT,60,A", nmea("HEHDT,20,T")[:9])
     line.unplug()
     compass.receive(1.1)
     assert (compass.fileno(), compass.health(1.1).state) == (-1, DeviceState.ABSENT)
     line.plug()
     assert deliver(compass, nmea("HEHDT,30,T")[9:], now_s=1.2) == ()
     assert compass.health(1.2).state is DeviceState.STARTING
+    assert len(deliver(compass, "HCHDM,8,M", now_s=1.2)) == 1  # true headings are not preferred yet
     assert deliver(compass, "HEHDT,30,T", now_s=1.3)[0].yaw_rate_rad_s is None
 
 

@@ -111,9 +111,10 @@ def test_sounder_is_silent_after_its_timeout_and_recovers(deliver, sounder, line
 
 
 def test_preference_is_reset_when_the_port_is_reopened(deliver, sounder, line):
-    assert depths(deliver(sounder, DBS, now_s=1.0)) == [9.0]
+    assert depths(deliver(sounder, DBS, b"$SDDBS,,f", now_s=1.0)) == [9.0]
     line.plug()
     assert depths(deliver(sounder, DBK, now_s=2.0)) == [8.5]
+    assert sounder.health(2.0).rejected == 0  # the incomplete sentence was discarded
 
 
 def test_remark_ends_with_a_depth(deliver, sounder):

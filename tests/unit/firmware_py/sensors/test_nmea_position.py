@@ -193,14 +193,16 @@ def test_missing_checksum_is_rejected_if_it_is_required(line, deliver, is_requir
     assert (health.accepted, health.rejected) == counts
 
 
-def test_reopened_port_discards_the_epoch_and_the_date(line, deliver, receiver):
-    deliver(receiver, rmc())
+def test_reopened_port_discards_sentence_epoch_time_and_date(line, deliver, receiver):
+    deliver(receiver, "GPZDA,103607.00,06,03,2021,00,00", gga(), now_s=0.0)
+    assert len(deliver(receiver, gga(), b"$GNGGA,1036", now_s=1.0)) == 2
     line.unplug()
     assert receiver.health(1.0).state is DeviceState.ABSENT
     line.plug()
-    assert deliver(receiver, gga("103608.00"), now_s=2.0) == ()
-    (sample,) = deliver(receiver, now_s=3.0)
-    assert (sample.utc_s, sample.t_s) == (None, 2.0)
+    assert deliver(receiver, gga(), now_s=4.0) == ()
+    (sample,) = deliver(receiver, now_s=5.0)
+    assert (sample.fix, sample.utc_s, sample.t_s) == (FixType.FIX_3D, None, 4.0)
+    assert receiver.health(5.0).rejected == 0
 
 
 def test_recording_gives_one_sample_per_rmc(deliver, recordings, receiver):
