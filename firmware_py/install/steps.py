@@ -25,6 +25,7 @@ _FILE_MODE = 0o644
 _SYSTEMD_RUNTIME = Path("/run/systemd/system")  # exists if systemd runs: sd_booted(3)
 _INIT_ROOT = Path("/proc/1/root")  # the root directory of process 1, which is outside of any chroot
 _SYSTEMD_PROGRAMS = (Path("/usr/lib/systemd/systemd"), Path("/lib/systemd/systemd"))
+_UDEV_CONTROL = Path("/run/udev/control")  # exists if udev runs
 _PROGRAM_TIMEOUT_S = 120.0
 Report = Callable[[str], None]  # prints a line for the operator
 
@@ -78,7 +79,7 @@ def install(service: Service, root: Path, report: Report) -> None:
         run_program(["systemd-sysusers"])
         run_program(["systemd-tmpfiles", "--create", str(Path("/etc/tmpfiles.d/rambler.conf"))])
         run_program(["systemctl", "daemon-reload"])
-        if shutil.which("udevadm") and Path("/run/udev/control").exists():
+        if shutil.which("udevadm") and _UDEV_CONTROL.exists():
             run_program(["udevadm", "control", "--reload"])
             run_program(["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"])
     else:

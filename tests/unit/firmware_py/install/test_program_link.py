@@ -74,6 +74,8 @@ def test_failed_trial_is_rolled_back_after_its_starts(link, directory, start):
     assert (link.trial(), link.previous()) == (None, None)
     assert link.failed() == Trial(program(directory, "new"), STARTS)
     assert link.failed().name == "new"
+    (directory / "bin/.rambler.failed").write_text(f"{program(directory, 'new')}".ljust((1 << 16) + 1))
+    assert link.failed() is None  # not written by the start script
     assert start() == ("old", "")
 
 
@@ -157,5 +159,5 @@ def test_names_with_spaces_work(tmp_path):
 
 
 def test_only_a_link_can_be_switched(directory):
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"\[Errno 2\] is not a link"):
         ProgramLink(directory / "nothing").switch(program(directory, "new"))

@@ -84,6 +84,9 @@ def test_program_must_report_the_version_of_its_bundle(candidate, programs):
     programs.results.append((1, "", "ImportError: no numpy\n"))
     with pytest.raises(UpdateError, match="cannot be imported: ImportError: no numpy"):
         CHECKS["program"](candidate)
+    programs.results.append((1, "x" * 301, ""))
+    with pytest.raises(UpdateError, match=f"cannot be imported: {'x' * 300}$"):
+        CHECKS["program"](candidate)
     programs.results += [(0, "", ""), (3, "", "")]
     with pytest.raises(UpdateError, match="does not run: exit code 3"):
         CHECKS["program"](candidate)
@@ -91,7 +94,7 @@ def test_program_must_report_the_version_of_its_bundle(candidate, programs):
 
 @pytest.mark.parametrize(
     ("mean_deg", "rms_deg", "result"),
-    [(0.5, 1.2, "heading error 1.2 deg (rms)"), (-19.9, 1.0, "19.9 deg"), (-20.1, 1.0, None), (0.0, 20.1, None)],
+    [(0.5, 1.2, "heading error 1.2 deg (rms)"), (-19.9, 1.0, "19.9 deg"), (-20.1, 1.0, None), (0.0, 20.0, None)],
 )
 def test_heading_error_in_simulation_must_be_below_20_deg(candidate, programs, mean_deg, rms_deg, result):
     (candidate.work / "box").mkdir()
@@ -106,6 +109,9 @@ def test_heading_error_in_simulation_must_be_below_20_deg(candidate, programs, m
     else:
         assert result in CHECKS["box"](candidate)
     assert [path.name for path in (candidate.work / "tuned").iterdir()] == ["parameters.param.0"]
+    arguments = ["run", "tank", "--speed", "max", "--vehicle", candidate.vehicle, "--state", candidate.work / "tuned"]
+    arguments += ["--goal", "0:0,20:30", "--seconds", "320", "--out", candidate.work / "box"]
+    assert programs.commands == [[str(candidate.environment.path / "bin/rambler-hil"), *map(str, arguments)]]
 
 
 @pytest.mark.parametrize(
@@ -144,12 +150,29 @@ def test_newest_complete_log_is_replayed(candidate, programs, logs, replayed):
         assert CHECKS["newest log"](candidate) == f"{replayed:08d}.BIN: cannot read"
 
 
+@pytest.mark.parametrize(("name", "limit_s"), [("program", 120), ("state", 120), ("box", 600), ("newest log", 300)])
+def test_program_that_does_not_end_is_given_up(candidate, monkeypatch, name, limit_s):
+    def run(command, *, timeout, **_options):
+        raise subprocess.TimeoutExpired(command, timeout)
+
+    monkeypatch.setattr(self_check.subprocess, "run", run)
+    monkeypatch.setattr(self_check, "CHECKS", {name: CHECKS[name]})
+    (candidate.state / "logs/00000001.BIN").touch()
+    candidate.copy.rmdir()
+    if name == "newest log":
+        text = "newest log: 00000001.BIN not finished within 300 s, skipped"
+        assert list(self_check.self_check(candidate)) == [text]
+    else:
+        with pytest.raises(UpdateError, match=f"^{name}: not finished within {limit_s} s$"):
+            list(self_check.self_check(candidate))
+
+
 READY = """
 import os, signal, socket, sys
 address = "\\0" + os.environ["NOTIFY_SOCKET"][1:]
 socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto({message!r}, address)
 signal.signal(signal.SIGTERM, lambda *_: sys.exit({code}))
-print("last words", flush=True)
+print("first\\nlast words", flush=True)
 {end}
 """
 
@@ -161,6 +184,7 @@ print("last words", flush=True)
         (b"READY=1", 1, "signal.pause()", False),
         (b"READY=0", 0, "", False),
         (b"NOT READY=1", 0, "", False),
+        (b"READY=1", 0, "import time; time.sleep(0.1)", False),
     ],
 )
 def test_program_must_report_ready_run_on_and_end_without_an_error(candidate, monkeypatch, message, code, end, starts):

@@ -146,7 +146,7 @@ def test_paths_hidden_from_the_service(path, expected):
 def test_examples_and_pages_are_packaged():
     for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", "TEXTS.md", *FILE_NAMES.values()):
         assert example(name).is_file()
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"\[Errno 2\] is missing"):
         example("missing")
 
 

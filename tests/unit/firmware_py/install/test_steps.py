@@ -1,5 +1,6 @@
 """Installation on this computer: commands, errors of system programs, and files that the service cannot read."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,26 @@ def test_installation_and_removal_call_the_programs_of_systemd(computer):
     assert commands == [["systemctl", "--quiet", "disable", "--now", "rambler"], ["systemctl", "daemon-reload"]]
     assert sorted(lines[:-1]) == sorted(f"removed {path}" for path in paths)
     assert lines[-1].startswith("kept: ")
+
+
+@pytest.mark.parametrize(("has_program", "is_running"), [(True, True), (True, False), (False, True)])
+def test_udev_reads_its_rules_again_if_it_runs(computer, monkeypatch, has_program, is_running):
+    folder, commands = computer
+    monkeypatch.setattr(steps.shutil, "which", lambda name: name if has_program else None)
+    monkeypatch.setattr(steps, "_UDEV_CONTROL", folder if is_running else folder / "none")
+    install(SERVICE, Path("/"), lambda _line: None)
+    trigger = ["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"]
+    expected = [["udevadm", "control", "--reload"], trigger] if has_program and is_running else []
+    assert [command for command in commands if command[0] == "udevadm"] == expected
+
+
+def test_program_that_hangs_is_ended_after_two_minutes(monkeypatch):
+    def run(command, *, timeout, **_options):
+        raise subprocess.TimeoutExpired(command, timeout)
+
+    monkeypatch.setattr(steps.subprocess, "run", run)
+    with pytest.raises(InstallError, match="timed out after 120"):
+        run_program(["systemctl"])
 
 
 def test_failed_program_is_an_error_with_its_last_line():

@@ -50,6 +50,7 @@ def test_unit_is_parsed(directory):
         f"[Service]\nExecStart=\nExecStart={OTHER}\n",
         f"[Service]\nExecStart =\nExecStart = -{OTHER}\nNice=-5\n",
         f"# ExecStart=/bin/false \\\n[Service]\nExecStart=\nExecStart={OTHER_IN_TWO_LINES}\n",
+        f"[Service]\nExecStart=\nExecStart={OTHER} --watchdog\n",
     ],
 )
 def test_drop_in_overrides_the_unit(directory, text):
@@ -99,7 +100,9 @@ def test_drop_in_without_matching_trial_blocks_updates(directory, command, text)
     [
         f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '%S/rambler')}",
         f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '${STATE}')}",
+        "ExecStart=\nExecStart=/opt/rambler run /etc/boat.toml --state",
         "ExecStartPre=",
+        "ExecStartPre=/usr/local/lib/rambler/trial /opt/rambler /srv/state",
         "ExecStart=",
     ],
 )
@@ -112,4 +115,7 @@ def test_drop_in_with_another_command_is_refused(directory, text):
 def test_unreadable_drop_in_is_refused(directory):
     (directory / "a.service.d/override.conf").symlink_to(directory / "gone")
     with pytest.raises(UpdateError, match=r"override\.conf: No such file"):
+        read_installation(directory / "a.service")
+    (directory / "gone").write_text("#" * ((1 << 18) + 1))
+    with pytest.raises(UpdateError, match=r"override\.conf: is larger than 256 KiB"):
         read_installation(directory / "a.service")
