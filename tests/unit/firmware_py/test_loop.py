@@ -10,235 +10,39 @@ from firmware_py.common import records
 from firmware_py.common.intents import (
     Arm,
     ForgetParameters,
-    ManualRudder,
-    ReplacePlan,
     Request,
     Restart,
     SetMode,
-    SetParameter,
-    SteerHeading,
     Verdict,
 )
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.parameters import ParameterSet, parse_file
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.common.plan import from_text as plan_from_text
-from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, NorthReference, RudderFeedback
-from firmware_py.core.autopilot import Autopilot
+from firmware_py.common.parameters import parse_file
+from firmware_py.common.records import DeviceRole, HeadingSample, NorthReference, RudderFeedback
 from firmware_py.core.resume import from_bytes as resume_from_bytes
-from firmware_py.core.state import State
-from firmware_py.faults.table import Fault
 from firmware_py.loop import LoopParts, make_safe, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
-from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUME_FILE, StateDirectory
-
-MAX_PENDING = 256
-SAFE_INTERVAL_S = 0.1
-
-
-class FakeClock:
-    """Advances only in `wait`; tests add the duration of work. `arrivals`: when descriptors become readable."""
-
-    def __init__(self):
-        self.t_s = 0.0
-        self.arrivals = []  # (time, descriptor)
-        self.waits = []
-
-    def now_s(self):
-        return self.t_s
-
-    def utc_s(self):
-        return 1e9 + self.t_s
-
-    def wait(self, deadline_s, descriptors):
-        self.waits.append((self.t_s, deadline_s, tuple(descriptors)))
-        due_arrivals = sorted(entry for entry in self.arrivals if entry[0] <= deadline_s and entry[1] in descriptors)
-        if not due_arrivals:
-            self.t_s = max(self.t_s, deadline_s)
-            return []
-        if due_arrivals[0][1] != FakeLink.DESCRIPTOR:  # the link remains readable until it is served
-            self.arrivals.remove(due_arrivals[0])
-        self.t_s = max(self.t_s, due_arrivals[0][0])
-        return [due_arrivals[0][1]]
-
-
-class FakeDevice:
-    """A device that records when it is read; the next poll returns `samples`."""
-
-    def __init__(self, role, descriptor=-1):
-        self.role, self.descriptor = role, descriptor
-        self.samples, self.receive_times_s = [], []
-
-    def fileno(self):
-        return self.descriptor
-
-    def receive(self, now_s):
-        self.receive_times_s.append(now_s)
-
-    def poll(self):
-        samples, self.samples = self.samples, []
-        return samples
-
-    def health(self, now_s):
-        return records.DeviceHealth(now_s, self.role, DeviceState.RUNNING, len(self.receive_times_s), 0)
-
-
-class FakeCompass(FakeDevice):
-    """A compass with a sample at each read."""
-
-    def receive(self, now_s):
-        super().receive(now_s)
-        self.samples.append(HeadingSample(now_s, 1.0, NorthReference.TRUE))
-
-
-class FakePosition(FakeDevice):
-    """A receiver with a fix at each poll."""
-
-    def poll(self):
-        return [records.PositionSample(0.0, records.FixType.FIX_3D, 0.1, 0.2, utc_s=2e9)]
-
-
-class FakeRudder(FakeDevice):
-    """A servo that reaches each command at once, or remains where it is (`is_stuck`)."""
-
-    def __init__(self, call_log):
-        super().__init__(DeviceRole.RUDDER)
-        self.call_log = call_log
-        self.commands = []
-        self.is_stuck = False
-        self.prompt_replies = 0  # number of replies that need prompt I/O
-
-    def command(self, command, now_s):
-        self.call_log.append(("command", now_s))
-        self.commands.append((now_s, command))
-        self.samples.append(RudderFeedback(now_s + 0.002, 0.3 if self.is_stuck else command.shaft_rad))
-
-    def needs_prompt_io(self):
-        return self.prompt_replies > 0
-
-    def receive(self, now_s):
-        super().receive(now_s)
-        self.prompt_replies = max(0, self.prompt_replies - 1)
-
-
-class FakeLink:
-    """A link that records its calls; it is busy for `pending_calls` more calls of `service`."""
-
-    DESCRIPTOR = 20
-
-    def __init__(self, call_log):
-        self.call_log = call_log
-        self.outputs = []
-        self.on_service = lambda _now_s: None
-        self.pending_calls = 0
-        self.station_s = None
-        self.key_problem = ""
-
-    @property
-    def busy(self):
-        return self.pending_calls > 0
-
-    def descriptors(self):
-        return [self.DESCRIPTOR]
-
-    def service(self, now_s, ready):
-        assert list(ready) == ([] if self.pending_calls else [self.DESCRIPTOR])
-        if ready:
-            self.clock.arrivals.remove(min(entry for entry in self.clock.arrivals if entry[1] == self.DESCRIPTOR))
-        self.pending_calls = max(0, self.pending_calls - 1)
-        self.call_log.append(("service", now_s))
-        self.on_service(now_s)
-
-    def publish(self, output, now_s):
-        self.call_log.append(("publish", now_s))
-        self.outputs.append(output)
-
-
-class FakeRecorder:
-    """A recorder that keeps inputs, output and previous state of each tick."""
-
-    def __init__(self):
-        self.ticks = []
-
-    def offer(self, inputs, output, previous_state):
-        self.ticks.append((inputs, output, previous_state()))
-
-    def health(self, now_s):
-        return records.DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
-
-
-class FakeStore:
-    """A store in memory; `service` calls the callbacks of what has been stored."""
-
-    DESCRIPTOR = 30
-
-    def __init__(self):
-        self.saved, self.callbacks, self.failure = {}, [], ""
-
-    def fileno(self):
-        return self.DESCRIPTOR
-
-    def load(self, name):
-        return self.saved.get(name)
-
-    def save(self, name, content):
-        self.saved[name] = content
-
-    def try_save(self, name, content, callback):
-        self.saved[name] = content
-        self.callbacks.append(callback)
-
-    def when_stored(self, _names, callback):
-        self.callbacks.append(callback)
-
-    def on_mount(self, _names, _callback):
-        """Do nothing: the store is available from the start."""
-
-    def service(self):
-        while self.callbacks:
-            self.callbacks.pop(0)(True)
+from firmware_py.system.state_directory import PARAMETER_FILE, RESUME_FILE
+from support.loop_parts import (
+    FakeCompass,
+    FakeDevice,
+    FakeLink,
+    FakePosition,
+    event_texts,
+    make_boat,
+    run_for,
+    set_parameter,
+    ticks,
+)
 
 
 @pytest.fixture
 def boat():
     """Return the parts of the loop on a boat whose devices, link and store are fakes."""
-    call_log = []
-    store = FakeStore()
-    link, clock = FakeLink(call_log), FakeClock()
-    link.clock = clock
-    autopilot = Autopilot(State.at_start(ParameterSet()), StateDirectory(store, pytest.fail))
-    return LoopParts(
-        clock=clock,
-        autopilot=autopilot,
-        compass=FakeCompass(DeviceRole.COMPASS, 10),
-        position=None,
-        rudder=FakeRudder(call_log),
-        link=link,
-        recorder=FakeRecorder(),
-        store=store,
-        lines=[],
-        print_event=lambda _event: None,
-        fault_barrier=FaultBarrier(pytest.fail),  # tests that cause errors replace it
-    )
+    return make_boat()
 
 
-def run_for(boat, seconds):
-    # `run` makes one more tick after the stop, so it is stopped one period earlier.
-    last_s = boat.clock.t_s + seconds - 1.0 / boat.autopilot.parameters()["LOOP_RATE_HZ"]
-    run(boat, lambda: boat.clock.t_s >= last_s - 1e-9)
-
-
-def ticks(boat):
-    return [inputs.tick for inputs, _, _ in boat.recorder.ticks]
-
-
-def set_parameter(boat, name, value):
-    return boat.autopilot.decide(Request(boat.clock.t_s, SetParameter(name, value)))
-
-
-def event_texts(boat):
-    return [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
+SAFE_INTERVAL_S = 0.1
 
 
 def test_ticks_start_at_their_absolute_deadlines(boat):
@@ -291,29 +95,6 @@ def test_last_tick_opens_no_port(boat):
     assert line.reopen_times_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
 
 
-@pytest.mark.parametrize("faulty_call", ["service", "publish", "store"])
-def test_error_in_the_link_is_reported_and_does_not_end_the_loop(boat, faulty_call):
-    printed, errors = [], iter([KeyError("inside")])
-    boat.fault_barrier = FaultBarrier(printed.append)
-
-    def raise_error(*_):
-        for error in errors:
-            raise error
-
-    if faulty_call == "service":
-        boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR)]
-        boat.link.on_service = raise_error
-    elif faulty_call == "publish":
-        boat.link.publish = raise_error
-    else:
-        boat.clock.arrivals = [(0.15, boat.store.fileno())]
-        boat.store.service = lambda: (boat.clock.arrivals.clear(), raise_error())
-    run_for(boat, 1.0)
-    assert event_texts(boat).count("Link error KeyError; autopilot unaffected") == 1
-    assert printed[-1] == "KeyError: 'inside'"
-    assert len(ticks(boat)) == pytest.approx(10, abs=1)
-
-
 def test_sample_is_read_when_it_arrives(boat):
     boat.clock.arrivals = [(0.137, 10)]
     run_for(boat, 0.3)
@@ -343,24 +124,6 @@ def test_loop_does_not_wait_on_a_closed_port(boat):
     assert not any(-1 in descriptors for _, _, descriptors in boat.clock.waits)
 
 
-@pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, FakeStore.DESCRIPTOR])
-def test_loop_does_not_wait_on_a_connection_closed_by_service(boat, descriptor):
-    """The service of the link or a callback of the store may close a connection of the link."""
-    boat.clock.arrivals = [(0.137, descriptor)]
-    new_descriptor = 21
-
-    def close(*_):
-        boat.clock.arrivals.clear()
-        boat.link.descriptors = lambda: [new_descriptor]
-
-    boat.link.service = boat.store.service = close
-    run_for(boat, 0.35)
-    waits = [(now_s, descriptors) for now_s, _, descriptors in boat.clock.waits]
-    assert any(FakeLink.DESCRIPTOR in descriptors for now_s, descriptors in waits if now_s < 0.137)
-    assert not any(FakeLink.DESCRIPTOR in descriptors for now_s, descriptors in waits if now_s >= 0.137)
-    assert any(new_descriptor in descriptors for now_s, descriptors in waits if now_s == 0.137)
-
-
 def test_battery_monitor_is_read_at_the_ticks(boat):
     power = FakeDevice(DeviceRole.POWER, 12)
     boat.power = (power,)
@@ -381,22 +144,6 @@ def test_second_compass_wakes_the_loop_unless_it_is_a_gyroscope(boat, is_prompt)
     run_for(boat, 0.35)
     expected_s = [0.0, 0.1, 0.137, 0.2, 0.3] if is_prompt else [0.0, 0.1, 0.2, 0.3]
     assert boat.compass_b.receive_times_s == pytest.approx(expected_s)
-
-
-def test_link_is_not_served_shortly_before_a_deadline(boat):
-    set_parameter(boat, "LOOP_LOCK", 0)
-    boat.clock.arrivals = [(t_s, FakeLink.DESCRIPTOR) for t_s in (0.15, 0.1968, 0.2972)]
-    run_for(boat, 0.5)
-    service_times_s = [t_s for call, t_s in boat.link.call_log if call == "service"]
-    assert service_times_s[:2] == pytest.approx([0.15, 0.1968])
-    assert service_times_s[2] >= 0.3 - 1e-9  # the data arrive within the guard time of 3 ms
-
-
-def test_remaining_link_data_are_served_before_waiting(boat):
-    boat.link.publish = lambda _output, now_s: setattr(boat.link, "pending_calls", 3 if 0.09 < now_s < 0.11 else 0)
-    run_for(boat, 0.35)
-    service_times_s = [t_s for call, t_s in boat.link.call_log if call == "service"]
-    assert service_times_s == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
 
 
 def test_ticks_drift_to_shortly_after_the_compass_samples(boat):
@@ -436,95 +183,6 @@ def test_tick_starts_with_the_sample_that_it_is_locked_to(boat, tick_on_compass,
     second, third = ticks(boat)[1:3]
     assert (second.t_s, second.late_s, third.t_s) == (pytest.approx(start_s), 0.0, pytest.approx(0.2, abs=6e-4))
     assert [time_s for call, time_s in boat.link.call_log if call == "command"][1] == pytest.approx(start_s)
-
-
-def test_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
-    answers = []
-    boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR)]
-
-    def on_service(now_s):
-        intents = (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan))
-        answers.extend(boat.autopilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
-
-    boat.link.on_service = on_service
-    run_for(boat, 0.5)
-    assert answers == [Verdict.ACCEPTED] * 3 + [Verdict.DENIED]
-    (with_requests,) = [inputs for inputs, _, _ in boat.recorder.ticks if inputs.requests]
-    assert with_requests.tick.t_s == pytest.approx(0.2, abs=0.01)
-    assert len(with_requests.requests) == 3
-    assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
-
-
-def test_flood_on_the_link_has_a_limited_share_and_delays_no_tick(boat):
-    """Linux suspends a real-time process that uses all of the processor."""
-    boat.link.pending_calls = 10**6
-
-    def on_service(_now_s):
-        boat.clock.t_s += 0.001
-
-    boat.link.on_service = on_service
-    run_for(boat, 1.0)
-    service_count = sum(call == "service" for call, _ in boat.link.call_log)
-    assert service_count == pytest.approx(9 * 75, abs=9)  # three quarters of nine periods
-    assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
-
-
-def test_busy_link_has_a_longer_guard_time(boat):
-    """A call of the link that becomes slow for a moment must end before the tick."""
-    set_parameter(boat, "LOOP_RATE_HZ", 50)
-    set_parameter(boat, "LOOP_LOCK", 0)
-    run_for(boat, 0.5)
-    boat.link.pending_calls = 10**6
-
-    def on_service(now_s):
-        calls.append(now_s)
-        boat.clock.t_s += 0.00095
-
-    def publish(output, now_s):
-        outputs.append(output)
-        boat.clock.t_s += 0.014 if len(outputs) % 10 == 0 else 0.0  # a slow tick leaves a short remainder of its period
-
-    calls, outputs = [], []
-    boat.link.on_service, boat.link.publish = on_service, publish
-    run_for(boat, 1.5)
-    deadlines_s = [tick.t_s for tick in ticks(boat)]
-    margins_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
-    assert len(calls) >= 400
-    assert min(margins_s) == pytest.approx(0.0105, abs=2e-4)  # 11 calls in a half of the period
-
-
-@pytest.mark.parametrize(("calls", "is_busy"), [(10, False), (11, True)])
-def test_link_that_has_used_a_tenth_of_a_period_is_busy_in_this_one_and_the_next(boat, calls, is_busy):
-    set_parameter(boat, "LOOP_LOCK", 0)
-    boat.clock.arrivals = [(t_s, FakeLink.DESCRIPTOR) for t_s in (0.11, 0.1883, 0.2883, 0.3883)]
-    served_s = []
-
-    def on_service(now_s):
-        if now_s == 0.11:
-            boat.link.pending_calls = calls - 1
-        if now_s < 0.15:
-            boat.clock.t_s += 0.00095
-        else:
-            served_s.append(now_s)
-
-    boat.link.on_service = on_service
-    run_for(boat, 0.5)
-    assert served_s == pytest.approx([0.2, 0.3, 0.3883] if is_busy else [0.1883, 0.2883, 0.3883])
-
-
-def test_guard_time_of_a_busy_link_is_12_ms(boat):
-    set_parameter(boat, "LOOP_LOCK", 0)
-    boat.clock.arrivals = [(0.1453, FakeLink.DESCRIPTOR)]
-    calls = []
-
-    def on_service(now_s):
-        calls.append(now_s)
-        boat.link.pending_calls = 10**6 if now_s < 0.2 else 0
-        boat.clock.t_s += 0.00095
-
-    boat.link.on_service = on_service
-    run_for(boat, 0.3)
-    assert max(now_s for now_s in calls if now_s < 0.2) == pytest.approx(0.1871)
 
 
 def test_garbage_is_collected_once_a_minute(boat, monkeypatch):
@@ -616,32 +274,6 @@ def test_clock_step_changes_no_deadline_and_is_reported(boat):
     assert len(clock_texts) == 1
 
 
-MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
-
-
-def test_plan_is_active_once_it_is_on_disk_and_is_an_input_of_the_next_tick(boat):
-    answers = []
-    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
-    assert (answers, boat.autopilot.plans()) == ([], Plans())
-    assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode())[0] == MISSION
-    boat.store.service()
-    assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
-    assert boat.autopilot.plans().mission is MISSION
-    run_for(boat, 0.2)
-    assert boat.link.outputs[-1].snapshot.mission.identities == (MISSION.identity, 0, 0)
-    assert boat.recorder.ticks[0][0].requests[0].intent == ReplacePlan(MISSION)
-
-
-def test_plan_that_is_refused_or_cannot_be_stored_keeps_the_old_one(boat):
-    answers = []
-    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
-    boat.store.callbacks.pop(0)(False)
-    too_long = Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001)
-    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(too_long)), answers.append)
-    assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
-    assert boat.autopilot.plans() == Plans()
-
-
 def test_loop_rate_follows_its_parameter(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
     set_parameter(boat, "LOOP_RATE_HZ", 50)
@@ -653,23 +285,11 @@ def test_loop_rate_follows_its_parameter(boat):
     assert ticks(boat)[-1].rate_hz == 50
 
 
-def test_number_of_pending_requests_is_limited(boat):
-    verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(MAX_PENDING)}
-    assert verdicts == {Verdict.ACCEPTED}
-    assert boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
-
-
 def test_health_is_an_input_only_when_it_changes(boat):
     run_for(boat, 1.0)
     counts = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
     assert counts[1] == 3
     assert sum(counts) == 3
-
-
-def test_store_failure_is_a_storage_fault(boat):
-    boat.store.failure = "parameters.param cannot be stored: No space left on device"
-    run_for(boat, 4.0)
-    assert boat.link.outputs[-1].snapshot.faults == 1 << Fault.STORAGE_FAILING
 
 
 def test_rudder_is_centred_when_an_error_ends_the_loop(boat):

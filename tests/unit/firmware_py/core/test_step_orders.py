@@ -1,0 +1,221 @@
+"""Tick as a pure function: requests, mission items and home."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from firmware_py.common.intents import (
+    ManualRudder,
+    PauseMission,
+    ReplacePlan,
+    Request,
+    SetHome,
+    SetMissionItem,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.records import (
+    FixType,
+    Inputs,
+    PositionSample,
+    Tick,
+)
+from firmware_py.common.reports import Home
+from firmware_py.core.accept import accept
+from firmware_py.core.state import State
+from firmware_py.core.step import step
+from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.plans.items import Command
+from support.tick_boat import FIX, Boat
+
+
+def test_delay_until_a_time_of_day_ends_without_a_receiver():
+    boat = Boat(noise_rad=0.002)
+    midnight_s = 20000 * 86400.0
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5, utc_s=midnight_s)
+    until = PlanItem(Command.DELAY, frame=2, params=(-1.0, 0.0, 1.0, 0.0))
+    turn = PlanItem(Command.YAW, frame=2, params=(90.0, 0.0, 0.0, 0.0))
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [until, turn])))
+    boat.get_under_way(Mode.AUTO)
+    boat.run(5.0)  # all fixes have the time of midnight
+    boat.position = None
+    boat.run(55.0)
+    assert "Mission: item 2" not in boat.events
+    boat.run(10.0)
+    assert "Mission: item 2" in boat.events
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
+def test_requests_with_invalid_values_are_denied(value):
+    boat = Boat().get_under_way()
+    for intent in (
+        SteerHeading(value),
+        SteerPosition(value, value),
+        ManualRudder(value),
+        SetParameter("CTL_K1", value),
+    ):
+        state, answer = accept(boat.state, Request(boat.t_s, intent))
+        assert state is boat.state
+        assert answer.verdict is Verdict.DENIED
+
+
+@pytest.mark.parametrize(("number", "limit"), [(0, math.pi / 2.0), (1, math.pi), (2, 1e5)])
+def test_coordinates_are_accepted_up_to_their_limits(number, limit):
+    state = State.at_start(ParameterSet())
+    for value in (limit, -limit, 1.0000001 * limit, -1.0000001 * limit, math.nan):
+        place = [0.1, 0.1, 0.0]
+        place[number] = value
+        for order in (SetHome(*place), *([SteerPosition(*place[:2])] if number < 2 else [])):
+            _, answer = accept(state, Request(0.0, order))
+            assert (answer.verdict is not Verdict.DENIED) is (abs(value) == limit)
+
+
+def test_item_numbers_are_checked_and_only_auto_ends_a_pause():
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)])))
+    verdicts = [accept(boat.state, Request(boat.t_s, SetMissionItem(index)))[1].verdict for index in (-1, 0, 1)]
+    assert verdicts == [Verdict.DENIED, Verdict.ACCEPTED, Verdict.DENIED]
+    boat.get_under_way(Mode.AUTO).tick(PauseMission(paused=True))
+    for mode, paused in ((Mode.HOLD, True), (Mode.AUTO, False)):
+        boat.tick(SetMode(mode))
+        assert (boat.state.modes.mode, boat.state.guidance.mission.paused) == (mode, paused)
+
+
+@pytest.mark.parametrize(
+    ("progress", "expected"),
+    [
+        ({"index": 1, "begun": True}, {"index": 1, "begun": True}),
+        ({"index": 1, "complete": True}, {"index": 0, "complete": False}),
+        ({"complete": True, "unusable": True}, {"complete": True, "unusable": True}),
+    ],
+)
+def test_auto_restarts_a_complete_mission(progress, expected):
+    boat = Boat()
+    boat.position = FIX
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)] * 2)))
+    boat.get_under_way(Mode.AUTO)
+    mission = MissionProgress(boat.state.plans.mission.identity, started=True)
+    state = replace(boat.state, guidance=replace(boat.state.guidance, mission=replace(mission, **progress)))
+    accepted, _ = accept(state, Request(boat.t_s, SetMode(Mode.AUTO)))
+    assert accepted.guidance.mission == replace(mission, **expected)
+
+
+@pytest.mark.parametrize("place", [(0.5, None), (None, 0.5)])
+def test_home_without_coordinates_is_the_present_position(place):
+    boat = Boat()
+    assert accept(boat.state, Request(boat.t_s, SetHome(*place)))[1].verdict is Verdict.TEMPORARILY_REJECTED
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
+    boat.run(1.0)
+    home = accept(boat.state, Request(boat.t_s, SetHome(*place)))[0].home
+    assert (home.latitude_rad, home.longitude_rad) == pytest.approx((0.4, 0.1), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fence", "expected"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
+)
+def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
+    boat = Boat()
+    boat.position = FIX
+    circles = [PlanItem(command, frame=0, params=(50.0, 0.0, 0.0, 0.0), x=1, y=1) for command in fence]
+    boat.tick(ReplacePlan(Plan.of(PlanKind.FENCE, circles)))
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.FENCE_ENABLE, 2, params=(1.0, 0.0, 0.0, 0.0))])))
+    boat.get_under_way(Mode.AUTO)
+    boat.run(2.0)
+    fence_texts = [text for text in boat.events if "ence " in text and "loiter" not in text]
+    assert [text for text in fence_texts if "reach" not in text] == [expected]
+
+
+WRONG_POSITION, RIGHT_POSITION = (0.0, 0.1), (0.5, 0.2)
+
+
+HOME = (0.4, 0.1)
+
+
+def fixes(place, start_s, end_s, step_s=1):
+    return [(float(t_s), *place) for t_s in range(start_s, end_s, step_s)]
+
+
+@pytest.mark.parametrize(
+    ("positions", "set_s", "expected"),
+    [
+        (fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100), None, [WRONG_POSITION, RIGHT_POSITION]),
+        (
+            fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100),
+            10.0,
+            [WRONG_POSITION, HOME],
+        ),  # a commanded home is not changed
+        (fixes(RIGHT_POSITION, 0, 3), 0.0, [HOME]),
+        # A wrong first position is corrected for half an hour.
+        (
+            fixes(WRONG_POSITION, 10_000, 11_700, 10) + fixes(RIGHT_POSITION, 11_700, 11_900, 10),
+            None,
+            [WRONG_POSITION, RIGHT_POSITION],
+        ),
+        (fixes(WRONG_POSITION, 10_000, 11_900, 10) + fixes(RIGHT_POSITION, 11_900, 12_100, 10), None, [WRONG_POSITION]),
+        # Later errors do not change home.
+        (
+            fixes(RIGHT_POSITION, 0, 1900, 10) + fixes(WRONG_POSITION, 1900, 2000) + fixes(RIGHT_POSITION, 2000, 2001),
+            None,
+            [RIGHT_POSITION],
+        ),
+    ],
+)
+def test_home_is_the_corrected_first_position_unless_it_is_set(positions, set_s, expected):
+    state, homes = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
+    for index, (t_s, *place) in enumerate(positions):
+        requests = (Request(t_s, SetHome(*HOME, 0.0)),) if t_s == set_s else ()
+        samples = (PositionSample(t_s, FixType.FIX_3D, *place, 3.0),)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), samples, (), (), requests))
+        homes.append(output.snapshot.home)
+    altitudes_m = {WRONG_POSITION: 3.0, RIGHT_POSITION: 3.0, HOME: 0.0}
+    assert list(dict.fromkeys(homes)) == [Home(*place, altitudes_m[place]) for place in expected]
+
+
+def test_rtl_steers_to_the_corrected_home():
+    boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG_POSITION)
+    output = boat.get_under_way(Mode.RTL).run(1.0)
+    assert (
+        output.snapshot.navigation.target_latitude_rad,
+        output.snapshot.navigation.target_longitude_rad,
+    ) == WRONG_POSITION
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *RIGHT_POSITION)
+    output = boat.run(20.0)
+    target = output.snapshot.navigation
+    assert (target.target_latitude_rad, target.target_longitude_rad) == pytest.approx(RIGHT_POSITION, abs=1e-5)
+    boat.tick(SetHome(0.50001, 0.2, 0.0))
+    assert boat.run(1.0).snapshot.navigation.target_latitude_rad == 0.50001
+
+
+def test_home_is_the_first_fix_until_it_is_set():
+    state = State.at_start(ParameterSet())
+
+    def tick(index, *intents, latitude_rad=None):
+        nonlocal state
+        t_s = 0.1 * index
+        positions = () if latitude_rad is None else (PositionSample(t_s, FixType.FIX_3D, latitude_rad, 0.2, 3.0),)
+        requests = tuple(Request(t_s, intent) for intent in intents)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 10.0), (), positions, (), (), requests))
+        return output.snapshot.home
+
+    assert tick(0, SetHome()) is None
+    assert tick(1, latitude_rad=0.5) == Home(0.5, 0.2, 3.0)
+    assert tick(2, latitude_rad=0.500001) == Home(0.5, 0.2, 3.0)
+    assert tick(3, SetHome()) == Home(0.500001, 0.2, 3.0)
+    assert tick(4, SetHome(0.1, -0.3, 2.0)) == Home(0.1, -0.3, 2.0)
+    for invalid in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
+        assert tick(5, invalid) == Home(0.1, -0.3, 2.0)
+
+
+def test_read_only_parameter_is_refused():
+    state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
+    assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
+    assert state.parameters == ParameterSet()
