@@ -137,25 +137,22 @@ class MaestroServo:
         self._shaft_rad: float | None = None
         self._torque_command = False
         self._is_target_due = False
-        self._is_search_due = True
         self._was_search = False
         self._last_reading_s = -math.inf
         self._newest: Request | None = None
         self._lost_count = 0  # requests without reply since the last reply
         self._is_silent = False
-        self._set_target: int | None = None  # the last target that the Maestro has accepted; None: unknown
-        self._has_lost_target = False  # no pulses though a target was set; the errors will show why
         self._restarts = 0
-        self._position_s: float | None = None  # of the last reply to a target
         self._error_text = ""
         self._error_s = -math.inf
         self._now_s = 0.0
+        self.restart()
 
     def restart(self) -> None:
         """Begin a search: the line was reopened."""
-        self._set_target = None
-        self._position_s = None
-        self._has_lost_target = False
+        self._set_target: int | None = None  # the last target that the Maestro has accepted; None: unknown
+        self._position_s: float | None = None  # of the last reply to a target
+        self._has_lost_target = False  # no pulses though a target was set; the errors will show why
         self._is_search_due = True
 
     def note_silence(self) -> None:

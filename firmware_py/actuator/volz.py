@@ -66,18 +66,17 @@ class VolzServo:
         self._is_position_due = False
         self._is_reading_due = False
         self._last_reading_s = -math.inf
+        self.restart()
 
+    def restart(self) -> None:
+        """Discard the readings: the line was reopened."""
         self._voltage_v: float | None = None
         self._current_a: float | None = None
         self._temperature_c: float | None = None
 
-    def restart(self) -> None:
-        """Discard the readings: the line was reopened."""
-        self._voltage_v = self._current_a = self._temperature_c = None
-
     def note_silence(self) -> None:
         """Discard the readings: they are outdated."""
-        self._voltage_v = self._current_a = self._temperature_c = None
+        self.restart()
 
     def command(self, shaft_rad: float | None, now_s: float, *, torque_on: bool) -> None:
         """Store the position and whether to send it."""

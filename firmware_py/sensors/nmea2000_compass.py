@@ -34,16 +34,14 @@ class Nmea2000Compass(Nmea2000Device[HeadingSample]):
         """Store line and options."""
         pgns = (HEADING, RATE_OF_TURN, ATTITUDE)
         super().__init__(line, options, DeviceRole.COMPASS, "heading", pgns, SOURCE_TIMEOUT_S)
-        self._turn_rate: tuple[float, float | None] = (-math.inf, None)  # time, rate
-        self._attitude: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, roll, pitch
-        self._true_count = 0
-        self._true_s = 0.0
+        self._forget(0.0)
 
-    def _forget(self, _now_s: float) -> None:
+    def _forget(self, now_s: float) -> None:
         """Discard the values of the previous device."""
-        self._turn_rate = (-math.inf, None)
-        self._attitude = (-math.inf, None, None)
+        self._turn_rate: tuple[float, float | None] = (now_s, None)  # time, rate
+        self._attitude: tuple[float, float | None, float | None] = (now_s, None, None)  # time, roll, pitch
         self._true_count = 0
+        self._true_s = now_s
 
     def _handle_message(self, message: Message, now_s: float) -> None:
         if message.pgn != HEADING and message.source != self._selection.address:

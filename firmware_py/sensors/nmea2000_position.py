@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from firmware_py.common.angles import radians, wrap_two_pi
@@ -52,16 +51,14 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
         """Store line and options."""
         pgns = (SYSTEM_TIME, POSITION, COURSE, GNSS_POSITION)
         super().__init__(line, options, DeviceRole.POSITION, "position", pgns, SOURCE_TIMEOUT_S)
-        self._gnss_s = 0.0  # time of the last PGN 129029, or of the choice of the device
-        self._course: tuple[float, float | None, float | None] = (-math.inf, None, None)  # time, course, speed
-        self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
-        self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
+        self._forget(0.0)
 
     def _forget(self, now_s: float) -> None:
         """Discard the values of the previous device."""
-        self._gnss_s = now_s  # PGN 129029 of the device may follow
-        self._course = (-math.inf, None, None)
-        self._utc = self._last_utc = None
+        self._gnss_s = now_s  # time of the last PGN 129029, which may follow
+        self._course: tuple[float, float | None, float | None] = (now_s, None, None)  # time, course, speed
+        self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
+        self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
 
     def _handle_message(self, message: Message, now_s: float) -> None:
         pgn, values = message.pgn, numbers_of(message)

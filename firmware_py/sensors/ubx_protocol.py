@@ -25,7 +25,7 @@ _FLAGS3_OFFSET, _FLAGS3_MIN_SIZE = 78, 92
 
 # B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
 _HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
-_NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
+_NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiii")  # up to the course
 _FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1: dead reckoning only, 5: time only
 _CARRIER_FIXES = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
 

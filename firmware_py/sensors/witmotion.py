@@ -144,7 +144,7 @@ class WitmotionCompass:
         self._line = line
         self._options = options
         self._mounting = Mounting(options.mounting)
-        self._receiver = PacketReceiver(line, create_framer, max(DATA_TIMEOUT_S, 3.0 / (options.rate_hz or 10)))
+        self._receiver = PacketReceiver(line, create_framer, 3.0 if options.rate_hz == 1 else DATA_TIMEOUT_S)
         self._is_rate_saved = False  # since the start
         self._is_after_packet = False
         self._packet_s: float | None = None  # time of the last packet

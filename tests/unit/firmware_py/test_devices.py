@@ -105,8 +105,19 @@ def test_defaults_and_limits_of_the_options(row):
             record(**{option: int(value) if isinstance(present, int) else value})
 
 
-def test_compasses_that_are_sent_commands_need_a_serial_port():
-    assert {"pni_tcm", "mti", "rion", "witmotion"} <= {name for name, driver in COMPASSES.items() if driver.writes}
+def test_ports_and_use_of_the_drivers():
+    """Drivers that write need a serial port."""
+    drivers = {f"{section} {name}": SECTIONS[section][name] for section in SECTIONS for name in SECTIONS[section].own}
+    drivers = {label: driver for label, driver in drivers.items() if "_b " not in label}
+    assert {label for label, driver in drivers.items() if driver.writes} == {
+        *(f"compass {name}" for name in ("pni_tcm", "mti", "rion", "witmotion", "mavlink")),
+        *(f"rudder {name}" for name in ("dynamixel", "volz", "feetech", "maestro", "pwm")),
+        *("position mavlink", "power mavlink"),
+    }
+    sections = ("compass", "position", "rudder_angle", "ais", "wind", "depth")
+    assert {label for label, driver in drivers.items() if driver.reads_can} == {f"{name} nmea2000" for name in sections}
+    assert {label for label, driver in drivers.items() if not driver.has_north} == {"compass bno08x_rvc"}
+    assert {label: driver.port for label, driver in drivers.items() if driver.port} == {"rudder pwm": "pwm:"}
 
 
 def test_only_the_pni_compass_has_a_calibrator():

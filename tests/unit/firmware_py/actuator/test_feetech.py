@@ -49,6 +49,8 @@ def test_goal_is_sent_and_feedback_returned_within_two_ticks(rig, servo):
     health = rig.health()
     assert (health.role, health.state, health.rejected) == (DeviceRole.RUDDER, DeviceState.RUNNING, 0)
     assert health.text == "model 777, firmware 3.10"
+    rig.ticks(1, shaft_deg=0.0)
+    assert servo.position == 2048
 
 
 def test_torque_is_switched_on_together_with_the_goal(rig, servo, line):

@@ -26,7 +26,8 @@ def test_poll_packet_of_the_protocol_description_is_decoded(ubx):
 
 def test_nav_pvt_of_84_bytes_is_accepted_and_a_shorter_one_rejected(solution):
     payload = ubx_protocol.payload(solution())
-    assert ubx_protocol.parse_nav_pvt(payload[:84]) == ubx_protocol.parse_nav_pvt(payload)
+    reserved = payload[:78] + b"\x01" + payload[79:84]  # the flag of later models
+    assert ubx_protocol.parse_nav_pvt(reserved) == ubx_protocol.parse_nav_pvt(payload)
     with pytest.raises(MessageError) as rejected:
         ubx_protocol.parse_nav_pvt(payload[:83])
     assert rejected.value.error == MALFORMED

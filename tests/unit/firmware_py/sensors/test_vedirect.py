@@ -136,6 +136,9 @@ def test_blocks_do_not_depend_on_the_chunks(pieces, data):
 def test_too_long_block_is_discarded_and_reported_once():
     framer = BlockFramer()
     framer.feed(HISTORY)
+    assert framer.feed(b"x" * MAX_BLOCK_BYTES) == []
+    assert [block.fault for block in framer.feed(b"x")] == ["malformed"]
+    framer.feed(b"\r\nChecksum\t\0")
     assert [block.fault for block in framer.feed(b"\r\nV\t1" * MAX_BLOCK_BYTES)] == ["malformed"]
     assert [block.fault for block in framer.feed(MONITOR + CHARGER)] == [""]
 
