@@ -155,7 +155,7 @@ def test_impossible_speed_of_the_estimator_is_rejected(line, north_cm_s, is_used
     assert len(rig.fixes(1.0, gps(), estimate(north_cm_s=north_cm_s, east_cm_s=0))) == is_used
 
 
-@pytest.mark.parametrize("values", [{"vel": 20_000}, {"vel": 0}, {"lat": 90.0}, {"lon": -180.0}])
+@pytest.mark.parametrize("values", [{"vel": 20_000}, {"vel": 0}, {"cog": 0}, {"lat": 90.0}, {"lon": -180.0}])
 def test_extreme_values_are_used(rig, values):
     assert len(rig.fixes(1.0, gps(**values))) == 1
 

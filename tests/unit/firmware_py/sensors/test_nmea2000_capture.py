@@ -8,6 +8,7 @@ from nmea2000.consts import FieldTypes
 from nmea2000.decoder import NMEA2000Decoder
 
 from firmware_py.devices import decode
+from firmware_py.sensors.nmea2000_table import LAYOUTS
 from hil.devices import nmea2000_frames as n2k
 from support.paths import DATA
 
@@ -52,6 +53,20 @@ def test_lines_of_yacht_devices_and_candump():
     assert (fix["type"], fix["line"], fix["latitude_deg"]) == ("position", 7, pytest.approx(50.0))
     (lost,) = results("".join(lines[:2] + lines[3:]).encode())
     assert (lost["type"], lost["detail"]) == ("error", "incomplete message")
+
+
+@pytest.mark.parametrize("pgn", LAYOUTS)
+def test_every_message_of_the_table_is_decoded(pgn):
+    (result,) = results(n2k.actisense_message(pgn, 5, bytes(LAYOUTS[pgn].min_bytes)))
+    assert result["message"] == LAYOUTS[pgn].name
+
+
+@pytest.mark.parametrize(("lines_between", "kind"), [(70, "position"), (80, "error")])
+def test_frames_of_a_message_follow_within_75_lines(lines_between, kind):
+    first, *others = n2k.frames(n2k.gnss_position(50.0, -3.0, 1.6e9), 1)
+    stream = n2k.raw_line(129029, 1, first) + n2k.raw_line(127488, 5, bytes(8)) * lines_between
+    stream += b"".join(n2k.raw_line(129029, 1, frame) for frame in others)
+    assert [result["type"] for result in results(stream)] == ["other"] * lines_between + [kind]
 
 
 def test_short_message_and_missing_heading():

@@ -156,7 +156,7 @@ def test_impossible_wind_is_rejected(deliver, make):
     sensor = make("wind")
     assert deliver(sensor, wind(120.1, 1.0)) == ()
     assert sensor.health(1.0).text == "wind_speed_m_s 120.1 out of range"
-    assert len(deliver(sensor, wind(120.0, 1.0))) == 1
+    assert len(deliver(sensor, wind(120.0, 1.0), wind(0.0, 1.0))) == 2
 
 
 def test_apparent_wind_of_another_device_is_preferred_to_a_computed_one(deliver, make):

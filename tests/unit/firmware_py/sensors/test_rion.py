@@ -277,7 +277,7 @@ def test_status_of_the_long_frame(ready, exchange, status, state, text, count):
     [
         (angles("0A 98 50"), "heading is not a decimal number"),
         (angles("20 98 50"), "heading is not a decimal number"),
-        (angles("10 98 50"), "heading -98.5 out of range"),
+        (angles("10 00 01"), "heading -0.01 out of range"),
         (angles("03 60 01"), "heading 360.01 out of range"),
         (angles(pitch="00 90 01"), "pitch 90.01 out of range"),
         (angles(pitch="10 90 01"), "pitch -90.01 out of range"),
@@ -337,6 +337,15 @@ def test_silent_compass_is_reported_and_its_power_may_return(ready, exchange):
         )
     assert len(ready.poll()) > 10
     assert ready.health(13.0).state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(("rate_hz", "timeout_s"), [(0.5, 6.0), (20.0, 2.0)])
+def test_compass_is_silent_after_three_periods_and_at_least_two_seconds(line, exchange, rate_hz, timeout_s):
+    compass = listening(line, rate_hz=rate_hz)
+    for now_s, answer in ((0.0, b""), (0.02, angles()), (0.04, NO_DECLINATION), (1.0, angles())):
+        exchange(compass, now_s, answer)
+    states = [compass.health(1.0 + timeout_s + late_s).state for late_s in (-0.01, 0.01)]
+    assert states == [DeviceState.RUNNING, DeviceState.SILENT]
 
 
 def test_full_line_is_tried_again(line, ready, exchange):
