@@ -186,7 +186,7 @@ class WitmotionCompass:
         self._has_nine_axes: bool | None = True if self._options.algorithm == "nine_axis" else None  # None: not known
         self._has_field = True
         self._is_vertical = False
-        self._rates: tuple[float, Vector] | None = None  # time, rates about forward, starboard and down
+        self._rates: tuple[float, Vector | None] = (now_s, None)  # time, rates about forward, starboard and down
         self._temperature_c: float | None = None
         self._commands: list[bytes] = []  # without an answer
         self._registers: list[_Register] = []  # to read afterwards
@@ -271,10 +271,9 @@ class WitmotionCompass:
         if self._has_nine_axes is None:
             return
         self._receiver.monitor.accept(now_s)
-        rates_rad_s = None
-        if self._rates is not None and now_s - self._rates[0] <= RATE_HOLD_S:
-            rates_rad_s = self._rates[1]
-        boat = self._mounting.boat_attitude(ned_from_sensor(angles_deg), rates_rad_s)
+        rates_s, rates_rad_s = self._rates
+        is_recent = now_s - rates_s <= RATE_HOLD_S
+        boat = self._mounting.boat_attitude(ned_from_sensor(angles_deg), rates_rad_s if is_recent else None)
         self._is_vertical = boat is None
         if boat is None or not self._has_field:
             return

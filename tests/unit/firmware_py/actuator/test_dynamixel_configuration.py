@@ -42,6 +42,17 @@ def test_failed_optional_correction_is_repeated_every_thirty_seconds(corrections
     assert [corrections(now_s) for now_s in times_s] == expected
 
 
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [(1, "result fail"), (2, "instruction error"), (3, "CRC error"), (4, "range error"), (5, "length error"),
+     (6, "limit error"), (7, "access error"), (8, "error 8")],
+)  # fmt: skip
+def test_error_of_the_servo_is_named(conversation, servo, code, text):
+    servo.write_errors[8] = code
+    conversation.run(1.0)
+    assert conversation.servo.condition(has_replied=True)[1] == f"servo rejects settings: {text}"
+
+
 @pytest.mark.parametrize(("pause_s", "is_read"), [(1.79, False), (1.81, True)])
 def test_watchdog_is_read_before_the_goal_after_nine_tenths_of_its_time(conversation, pause_s, is_read):
     conversation.run(1.0)

@@ -259,6 +259,13 @@ def test_position_from_before_the_line_was_reopened_is_not_used(rig, line, maest
     assert rig.health().state is DeviceState.STARTING
 
 
+def test_no_target_is_set_before_the_first_command(fakes, line, maestro):
+    rudder = maestro_rudder(line, MaestroOptions())
+    for tick in range(20):
+        rudder.receive(0.1 * tick)
+    assert set(maestro.commands) == {0xAA, 0x87, 0x89, 0xA1}
+
+
 def test_prompt_io_is_needed_while_the_target_waits(fakes):
     line = fakes.line()
     rudder = maestro_rudder(line, MaestroOptions())

@@ -85,6 +85,8 @@ def test_board_is_that_of_the_vehicle_file(line, address, is_read):
     rig.receive(0.1, board.attitude())
     assert bool(rig.frames) == is_read
     assert bool(rig.connection.other_text) != is_read
+    ignored = "autopilot 3/1 ignored: set system and component"
+    assert (rig.monitor.health(0.1).text == ignored) != is_read
     line.plug()
     rig.receive(0.2)
     assert rig.connection.other_text == ""

@@ -78,6 +78,7 @@ def test_options_are_checked():
     [
         ({"flags": NOT_READY}, "heading not valid: estimator not ready"),
         ({"flags": UNINITIALIZED}, "heading not valid: estimator not ready"),
+        ({"flags": 0xFFFF - (1 << 10)}, ""),
         ({"ratio": 1.01}, "heading not valid: magnetometer rejected"),
         ({"ratio": 0.99}, ""),
         ({"ratio": math.nan}, ""),

@@ -258,7 +258,7 @@ def test_late_answers_do_not_stop_the_requests(ready, exchange):
     ("status", "state", "text", "count"),
     [
         ("00", DeviceState.RUNNING, "", 1),
-        ("02", DeviceState.RUNNING, "", 1),
+        ("F6", DeviceState.RUNNING, "", 1),
         ("01", DeviceState.FAULTY, "magnetic field distorted", 1),
         ("08", DeviceState.FAULTY, "gyroscope out of range", 0),
         ("09", DeviceState.FAULTY, "gyroscope out of range", 0),
