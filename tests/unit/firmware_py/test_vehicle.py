@@ -77,7 +77,19 @@ def test_parameters_are_also_read_from_their_own_file(write, tmp_path):
             r"\[compass\] driver 'nmae' is not known; use one of nmea, pni_tcm, mti",
         ),
         ("baud = 4800", "baud = 4800.5", r"\[compass\] baud: 4800.5 is not a whole number"),
-        ("baud = 4800", "baud = 1", "out of range; allowed: 300 to"),
+        ("baud = 4800", "baud = 299", "out of range; allowed: 300 to"),
+        ("baud = 4800", "baud = 12000001", "out of range; allowed: 300 to"),
+        ('name = "Ocean Rambler"', f'name = "{"n" * 61}"', r"\[vehicle\] name: expected a text of 1 to 60 characters"),
+        ('name = "Ocean Rambler"', 'name = ""', r"\[vehicle\] name: expected a text of 1 to 60 characters"),
+        ("CTL_K1 = 41", "file = 5", "expected a text in quotes"),
+        ("CTL_K1 = 41", 'file = ""', "expected a text in quotes"),
+        ("CTL_K1 = 41", f"CTL_K1 = {1 << 4095}", "CTL_K1: expected a number"),
+        ("CTL_K1 = 41", f"CTL_K1 = {1 << 4096}", "'CTL_K1' has too many digits"),
+        ("CTL_K1 = 41", f"CTL_K1 = [[{-1 << 4096}]]", "'CTL_K1' has too many digits"),
+        ("CTL_K1 = 41", f"{'N' * 61} = {1 << 4096}", "'N{60}' has too many digits"),
+        ("CTL_K1 = 41", f'{"N" * 61} = "\\u0001"', "'N{60}' contains characters"),
+        ("[rudder]", f"[{'N' * 61}]", "section 'N{60}' is not known"),
+        ("id = 3", f"id = 3\n{'n' * 61} = 3", "'n{60}' is not read"),
         ("baud = 4800", 'baud = "4800"', "expected a number"),
         ("baud = 4800", "", r"\[compass\] baud is missing"),
         ("baud = 4800", "boud = 4800", "did you mean 'baud'"),
@@ -126,6 +138,34 @@ def test_problem_of_an_invalid_file_is_one_line(write, old, new, problem):
         load(path)
     assert "\n" not in str(raised.value)
     assert "boat.toml" in str(raised.value)
+
+
+HULL = {
+    "length_m": (0.1, 1000.0), "beam_m": (0.01, 200.0), "draft_m": (0.01, 50.0), "block_coefficient": (0.05, 1.0),
+    "mass_kg": (0.1, 1e9),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HULL)
+def test_hull_has_limits(write, name):
+    low, high = HULL[name]
+    for value in (low, high):
+        assert getattr(load(write(VALID.replace("length_m = 3.05", f"{name} = {value!r}"))).hull, name) == value
+    for value in (0.99 * low, 1.01 * high):
+        with pytest.raises(VehicleError, match="out of range"):
+            load(write(VALID.replace("length_m = 3.05", f"{name} = {value!r}")))
+
+
+@pytest.mark.parametrize(("old", "new"), [("4800", "300"), ("4800", "12000000"), ("Ocean Rambler", "n" * 60)])
+def test_values_at_their_limits_are_accepted(write, old, new):
+    load(write(VALID.replace(old, new)))
+
+
+def test_file_has_at_most_one_mebibyte(write):
+    content = VALID + "#" * ((1 << 20) - len(VALID))
+    load(write(content))
+    with pytest.raises(VehicleError, match="cannot be read"):
+        load(write(content + "#"))
 
 
 def test_missing_and_unreadable_files_are_reported(tmp_path):

@@ -9,7 +9,8 @@ import socket
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from firmware_py.assemble.devices import close_all, open_devices, open_lines
+from firmware_py.assemble import devices as module
+from firmware_py.assemble.devices import close_all, create_line, open_devices, open_lines, shared_port_warnings
 from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import VehicleError, parse
@@ -254,3 +255,31 @@ def test_reason_is_reported_for_each_port_that_the_autopilot_waits_for(tmp_path)
         "waiting for port /dev/missing: no such port; plug the device in or correct the path in the vehicle file",
         f"waiting for port pwm:{tmp_path}/missing/0: {pwm_text}",
     ]
+
+
+def test_ports_that_other_programs_have_open_are_reported(ports, monkeypatch):
+    lines = [create_line(ports[0][1], 4800), create_line("/dev/missing", 4800), create_line("tcp:127.0.0.1:1", 0)]
+    lines[0].open()
+    lines[2].open()
+    monkeypatch.setattr(module, "find_port_users", lambda paths: dict.fromkeys(paths, "cat"))
+    try:
+        assert shared_port_warnings(lines) == [f"Port {ports[0][1]}: also open in cat; end that program"]
+    finally:
+        close_all(lines)
+
+
+def test_serial_port_is_opened_again_after_ten_seconds_without_bytes(ports, tmp_path):
+    path = tmp_path / "port"
+    path.symlink_to(ports[0][1])
+    line = create_line(str(path), 4800)
+    line.open()
+    path.unlink()
+    path.symlink_to(ports[1][1])
+    try:
+        for now_s, number in ((100.0, 0), (109.0, 0), (110.0, 1)):
+            line.reopen(now_s)
+            assert line.write(b"x")
+            (master,) = select.select([master for master, _ in ports], [], [], 10.0)[0]
+            assert (master, os.read(master, 10)) == (ports[number][0], b"x")
+    finally:
+        line.close()

@@ -1,6 +1,8 @@
 """Start of the autopilot: parameters, reports, failed starts, late disks, released resources."""
 
 import argparse
+import os
+import platform
 import select
 import threading
 from pathlib import Path
@@ -10,12 +12,16 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.assemble.wiring import Options, assemble, vehicle_parameters
 from firmware_py.cli.run import _supervise
-from firmware_py.common.records import Severity
+from firmware_py.common.records import RudderCommand, Severity
+from firmware_py.common.reports import Output
 from firmware_py.link.signing import KeyRecord, find_key, to_text
+from firmware_py.system.clock import machine_s
 from firmware_py.system.console import Console
 from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, read_key
+from firmware_py.system.status_file import Freshness, find_status
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
+from support.link import SNAPSHOT
 from support.program import unused_ports
 
 VEHICLE = """
@@ -61,6 +67,43 @@ def test_ground_stations_can_access_logs_and_uploads(vehicle, tmp_path):
         assert assembly.endpoint.descriptors()
     finally:
         assembly.close()
+
+
+@pytest.mark.parametrize(("machine", "uid"), [(b"machine\n", 9949093198791115248), (None, 0)])
+def test_version_has_an_id_of_the_computer(vehicle, tmp_path, monkeypatch, machine, uid):
+    def read(path, max_bytes):
+        assert (path, max_bytes) == (Path("/etc/machine-id"), 4096)
+        if machine is None:
+            raise FileNotFoundError
+        return machine
+
+    monkeypatch.setattr("firmware_py.assemble.wiring.read_regular", read)
+    monkeypatch.setattr("firmware_py.assemble.wiring.__version__", "4.5.6.dev1")
+    assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
+    assembly.close()
+    version = assembly.endpoint._context.version
+    assert (version.major, version.minor, version.patch, version.uid) == (4, 5, 6, uid)
+
+
+def test_status_is_written_and_removed_at_the_end(vehicle, tmp_path):
+    assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
+    assembly.parts.after_tick(Output(RudderCommand(0.0, True), SNAPSHOT, ()), 1.0)
+    reading = find_status(tmp_path / "state", machine_s())
+    assembly.close()
+    assert reading.freshness is Freshness.RUNNING
+    content = reading.content
+    assert [content[name] for name in ("vehicle", "pid", "starts", "uptime_s", "update")] == [
+        "boat",
+        os.getpid(),
+        1,
+        1.0,
+        "",
+    ]
+    assert content["state_directory"] == str(tmp_path / "state")
+    names = ("rambler", "git", "python", "numpy", "pyserial", "pymavlink", "kernel", "machine")
+    assert tuple(content["versions"]) == names
+    assert content["versions"]["python"] == platform.python_version()
+    assert find_status(tmp_path / "state", machine_s()).freshness is Freshness.ABSENT
 
 
 def test_close_ends_all_threads(vehicle, tmp_path):
