@@ -55,7 +55,6 @@ class Refusal(Exception):  # noqa: N818 - a reply, not a fault of the program
 
     def __init__(self, error: Error, number: int = 0, text: str = "") -> None:
         """Store the error code, the errno and the text."""
-        super().__init__(text or error.name)
         self.error = error
         self.number = number
         self.text = text

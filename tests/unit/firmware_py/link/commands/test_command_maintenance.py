@@ -46,9 +46,13 @@ def test_other_calibrations_are_refused_with_a_remedy(rig, texts, values):
     assert rig.request_handler.intents == []
 
 
+@pytest.mark.parametrize("has_compass", [True, False])
 @pytest.mark.parametrize("command", [(241, 0, 0, 0, 2), (241, 0, 1), (42006, 10), (42424, 1)])
-def test_calibration_is_refused_before_the_first_tick(make_rig, command):
-    assert results(make_rig().command(*command)) == [REJECTED]
+def test_calibration_is_refused_before_the_first_tick(make_rig, command, has_compass):
+    rig = make_rig()
+    if has_compass:
+        add_compass(rig)
+    assert results(rig.command(*command)) == [REJECTED]
 
 
 def test_calibration_of_nothing_is_accepted(rig):
@@ -222,10 +226,15 @@ class FakeCompass:
         self.state = Calibration()
 
 
-@pytest.fixture
-def compass(rig):
+def add_compass(rig):
     fake = FakeCompass()
     rig.endpoint._context.suppliers = msgspec.structs.replace(rig.endpoint._context.suppliers, calibrator=fake)
+    return fake
+
+
+@pytest.fixture
+def compass(rig):
+    fake = add_compass(rig)
     rig.tick(armed=False)
     return fake
 
