@@ -419,6 +419,7 @@ def test_servo_without_a_watchdog_is_used(rig, servo):
     assert servo.goal == counts(11.0)
     health = rig.health()
     assert (health.state, health.text) == (DeviceState.RUNNING, "servo rejects bus watchdog: access error")
+    assert health.rejected == 3  # attempts to read it
 
 
 def test_eeprom_setting_without_effect_is_written_three_times(rig, servo):

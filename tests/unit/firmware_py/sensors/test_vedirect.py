@@ -95,7 +95,8 @@ def test_checksum_can_be_a_control_character_or_colon(deliver, device, checksum)
         (block(V="x"), "V 'x' is not a number"),
         (block(V="1_0"), "V '1_0' is not a number"),
         *((block(**{label: value}), f"{label} {text} out of range") for label, value, text in OUT_OF_RANGE),
-        (block(**{"V\x7f": "1"}), "malformed"),
+        (block(**{"V\x7f": "1", "I": "1"}), "malformed"),
+        (block(**{"I": "1", "V\x7f": "1"}), "malformed"),
     ],
 )
 def test_damaged_and_invalid_blocks_are_rejected_and_reported(deliver, data, text, device):
