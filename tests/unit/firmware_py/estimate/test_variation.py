@@ -4,6 +4,7 @@ import math
 from functools import reduce
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
@@ -11,7 +12,7 @@ from firmware_py.common.records import FixType, HeadingSample, NorthReference, P
 from firmware_py.core.state import State, heading_timeouts_of, settings_of
 from firmware_py.estimate import heading_estimator
 from firmware_py.estimate.declination import declination_rad
-from firmware_py.estimate.variation import apply, find_unused
+from firmware_py.estimate.variation import apply, find_unused, find_variation
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from hil.devices.nmea_text import whole_sentence
 from support.line import FakeLine
@@ -104,3 +105,59 @@ def test_unused_variation_is_reported_once_and_when_it_agrees_again():
 def test_heading_that_is_not_finite_is_unchanged(heading_rad):
     sample = HeadingSample(0.0, heading_rad, NorthReference.TRUE, 0.0)
     assert apply(sample, 0.1) is sample
+
+
+@pytest.mark.parametrize(
+    ("reference", "variation_deg", "declination_deg", "is_variation"),
+    [
+        (NorthReference.TRUE, 1.0, None, True),
+        (NorthReference.MAGNETIC, 14.9, None, False),
+        (NorthReference.MAGNETIC, 15.1, None, True),
+        (NorthReference.MAGNETIC, -15.1, None, True),
+        (NorthReference.MAGNETIC, 2.0, 3.1, True),
+        (NorthReference.MAGNETIC, -2.0, -3.1, True),
+        (NorthReference.MAGNETIC, 2.0, 2.9, False),
+        (NorthReference.MAGNETIC, 7.1, 10.0, True),
+        (NorthReference.MAGNETIC, 12.9, 10.0, True),
+        (NorthReference.MAGNETIC, 6.9, 10.0, False),
+        (NorthReference.MAGNETIC, 13.1, 10.0, False),
+    ],
+)
+def test_deviation_is_a_variation_beyond_15_deg_or_near_the_declination(
+    reference, variation_deg, declination_deg, is_variation
+):
+    sample = HeadingSample(0.0, 1.0, reference, radians(variation_deg))
+    declination = None if declination_deg is None else radians(declination_deg)
+    assert find_variation(sample, declination) == (radians(variation_deg) if is_variation else None)
+    used = apply(sample, declination)
+    assert used == (replace(sample, reference=NorthReference.TRUE) if is_variation else sample)
+
+
+@pytest.mark.parametrize(
+    ("variation_deg", "declination_deg", "is_used"),
+    [
+        (7.1, 10.0, True),
+        (12.9, 10.0, True),
+        (6.9, 10.0, False),
+        (13.1, 10.0, False),
+        (0.0, 2.0, False),
+        (0.0, None, True),
+    ],
+)
+def test_variation_within_3_deg_of_the_declination_is_used(variation_deg, declination_deg, is_used):
+    sample = HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(variation_deg))
+    declination = None if declination_deg is None else radians(declination_deg)
+    magnetic_rad = 1.0 - radians(variation_deg)
+    magnetic = replace(sample, heading_rad=magnetic_rad, reference=NorthReference.MAGNETIC, variation_rad=None)
+    assert apply(sample, declination) == (sample if is_used else magnetic)
+
+
+@pytest.mark.parametrize(("second_deg", "is_reported"), [(14.9, False), (15.1, True), (9.1, False), (8.9, True)])
+def test_unused_variation_is_reported_again_after_a_change_of_3_deg(second_deg, is_reported):
+    samples = [HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(deg), source=0) for deg in (12.0, second_deg)]
+    unused, _ = find_unused((None, None), samples[:1], radians(-7.0))
+    assert unused == (radians(12.0), None)
+    unused, events = find_unused(unused, samples[1:], radians(-7.0))
+    assert len(events) == is_reported
+    assert unused == (radians(second_deg if is_reported else 12.0), None)
+    assert find_unused(unused, [replace(samples[0], source=2)], None) == (unused, ())
