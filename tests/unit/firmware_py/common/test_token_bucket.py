@@ -17,6 +17,14 @@ def test_level_is_limited_by_burst_and_elapsed_time():
     assert bucket.level(1e6) == pytest.approx(8.0)
 
 
+def test_reduced_rate_applies_from_then_on():
+    bucket = TokenBucket(100, 10.0, is_full=False)
+    for share, now_s, level in ((0.5, 2.0, 20.0), (1.0, 4.0, 30.0), (0.0, 5.0, 40.0)):
+        bucket.set_rate_share(share, now_s)
+        assert bucket.level(now_s) == level
+    assert bucket.level(9.0) == 40.0
+
+
 def test_backward_clock_step_adds_no_tokens():
     bucket = TokenBucket(10, 1.0, is_full=False)
     assert bucket.level(5.0) == 5.0

@@ -1,7 +1,6 @@
 """`decode`: every value of the recordings, the keys of the results, and invalid messages."""
 
 import json
-import math
 import re
 
 import pytest
@@ -95,73 +94,6 @@ def test_rudder_angles_of_plotters_have_the_right_sign(recordings, name):
     assert angles_deg == pytest.approx(expected)
     assert len(angles_deg) > 100
     assert min(angles_deg) < 0.0 < max(angles_deg)
-
-
-@pytest.mark.parametrize(
-    ("raw", "result"),
-    [
-        (b"$HEHDT,341.8,T*21\r\n", {"line": 1, "type": "heading", "sentence": "HEHDT", "heading_true_deg": 341.8,
-                                    "true_deg": 341.8}),
-        (b"\n$GPHDT,,*4F", {"line": 2, "type": "heading", "sentence": "GPHDT", "heading_true_deg": None,
-                            "true_deg": None}),
-        (b"$IIHDM,70.6,M*13", {"line": 1, "type": "heading", "sentence": "IIHDM", "heading_magnetic_deg": 70.6,
-                               "magnetic_deg": 70.6}),
-        (b"$HEHDT,341.9,T*21\r\n", {"line": 1, "type": "error", "error": "checksum", "sentence": "HEHDT"}),
-        (b"$HEHDT,341.8,T\r\n", {"line": 1, "type": "error", "error": "no checksum", "sentence": "HEHDT"}),
-        (b"$HEHDT,341.8,T", {"line": 1, "type": "error", "error": "no checksum", "sentence": "HEHDT"}),
-        (b"$HEHDT,34\0", {"line": 1, "type": "error", "error": "malformed", "sentence": "HEHDT"}),
-        (b"$GNFOO,,*4F\r\n", {"line": 1, "type": "other", "sentence": "GNFOO"}),
-        (b"$GPROT,35.6,A*01\r\n", {"line": 1, "type": "turn_rate", "sentence": "GPROT", "turn_rate_deg_min": 35.6,
-                                   "status": "A"}),
-    ],
-)  # fmt: skip
-def test_nmea_results(raw, result):
-    assert list(decode("nmea", raw)) == [result]
-
-
-def test_values_have_nine_decimal_places(nmea):
-    (result,) = decode("nmea", nmea("GPGLL,5327.03941,N,00214.42462,W,103607.00,A,A"))
-    assert (result["lat_deg"], result["lon_deg"]) == (53.450656833, -2.240410333)
-
-
-def test_unknown_transducer_is_reported_once(nmea):
-    results = list(decode("nmea", nmea("SDXDR,C,23.1,C,WTHI,A,1.0,D,ROLL") * 3 + nmea("SDXDR,C,1.0,C,WTLO")))
-    first, second = "WTHI (type C, unit C)", "WTLO (type C, unit C)"
-    assert [result.get("unknown") for result in results] == [first, None, None, second]
-    assert [result.get("roll_deg") for result in results] == [1.0, 1.0, 1.0, None]
-
-
-def test_thirty_two_unknown_transducers_are_reported(nmea):
-    results = decode("nmea", "".join(nmea(f"SDXDR,C,1.0,C,T{number}").decode() for number in range(34)).encode())
-    unknown = [f"T{number} (type C, unit C)" for number in range(32)]
-    assert [result.get("unknown") for result in results] == [*unknown, None, None]
-
-
-def test_ignored_sentence_is_named_and_an_unknown_one_is_not(nmea):
-    ignored, unknown = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
-    assert ignored["type"] == "other"
-    assert ignored["detail"].endswith("not used")
-    assert unknown == {"line": 2, "type": "other", "sentence": "GPABC"}
-
-
-def test_pni_results(pni, pni_heading):
-    capture = (
-        pni(2, b"TCM \x1f~\x7f8")
-        + pni_heading(98.5)
-        + b"junk"
-        + pni_heading(math.nan)
-        + pni(19)
-        + pni_heading(1.0)[:-1]
-    )
-    assert list(decode("pni", capture)) == [
-        {"line": 1, "offset": 0, "type": "module_info", "frame_id": 2, "module": "TCM ?~?8"},
-        {"line": 2, "offset": 13, "type": "heading", "frame_id": 5, "heading_magnetic_deg": 98.5, "pitch_deg": 1.5,
-         "roll_deg": -2.5, "temperature_c": 18.0, "distortion": False, "magnetic_deg": 98.5},
-        {"line": 3, "offset": 41, "type": "error", "error": "malformed", "bytes": 4},
-        {"line": 4, "offset": 45, "type": "error", "error": "range", "detail": "heading nan out of range"},
-        {"line": 5, "offset": 73, "type": "other", "frame_id": 19},
-        {"line": 6, "offset": 78, "type": "error", "error": "checksum", "bytes": 27},
-    ]  # fmt: skip
 
 
 def test_ubx_results(ubx, solution):

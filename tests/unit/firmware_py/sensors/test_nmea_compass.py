@@ -183,10 +183,3 @@ def test_reopened_port_discards_the_incomplete_sentence_and_the_turn_rate(line, 
     assert compass.health(1.2).state is DeviceState.STARTING
     assert len(deliver(compass, "HCHDM,8,M", now_s=1.2)) == 1  # true headings are not preferred yet
     assert deliver(compass, "HEHDT,30,T", now_s=1.3)[0].yaw_rate_rad_s is None
-
-
-def test_number_of_samples_without_polls_is_limited(line, nmea, compass):
-    for _ in range(40):
-        line.inbox += nmea("HEHDT,1,T") * 200
-        compass.receive(1.0)
-    assert len(compass.poll()) == 512

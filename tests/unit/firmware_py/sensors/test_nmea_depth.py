@@ -122,11 +122,3 @@ def test_remark_ends_with_a_depth(deliver, sounder):
     assert sounder.health(1.0).text == "SDDPT: no bottom"
     deliver(sounder, DPT)
     assert sounder.health(1.0).text == ""
-
-
-def test_number_of_samples_between_two_polls_is_limited(sounder, line, nmea):
-    for second in range(20):
-        line.inbox += nmea(DPT) * 30
-        sounder.receive(float(second))
-    assert len(sounder.poll()) == 512
-    assert len(sounder.poll()) == 0

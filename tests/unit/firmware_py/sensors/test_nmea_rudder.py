@@ -75,13 +75,6 @@ def test_silence_and_another_opening_of_the_port(deliver, sensor, line):
     assert sensor.health(6.0).rejected == 0
 
 
-def test_samples_between_two_polls_are_limited(line, sensor, nmea):
-    for second in range(20):
-        line.inbox += nmea("IIRSA,1.0,A") * 30
-        sensor.receive(float(second))
-    assert len(sensor.poll()) == 512
-
-
 @pytest.mark.parametrize(
     ("values", "text"),
     [

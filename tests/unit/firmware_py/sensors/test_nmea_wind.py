@@ -169,11 +169,3 @@ def test_preference_is_reset_when_the_port_is_reopened(deliver, sensor, line):
     assert references(deliver(sensor, APPARENT, now_s=1.0)) == [WindReference.APPARENT]
     line.plug()
     assert references(deliver(sensor, MAGNETIC, now_s=2.0)) == [WindReference.MAGNETIC]
-
-
-def test_number_of_samples_between_two_polls_is_limited(sensor, line, nmea):
-    for second in range(20):
-        line.inbox += nmea(APPARENT) * 30
-        sensor.receive(float(second))
-    assert len(sensor.poll()) == 512
-    assert len(sensor.poll()) == 0
