@@ -33,13 +33,13 @@ def parse_listen_address(listen: str, *, with_token: bool) -> tuple[str, int, bo
 
     Raises ViewError if the address is invalid, or not a loopback address and without a token.
     """
-    host, colon, port_text = listen.rpartition(":")
+    host, _, port_text = listen.rpartition(":")
     host = "127.0.0.1" if host == "localhost" else host.strip("[]")
     try:
         is_loopback, port = ipaddress.ip_address(host).is_loopback, int(port_text)
     except ValueError:
-        colon = ""
-    if not colon or not 0 <= port <= 0xFFFF:
+        is_loopback, port = False, -1
+    if not 0 <= port <= 0xFFFF:
         raise ViewError(f"{listen[:60]}: not an address; use ADDRESS:PORT, such as {DEFAULT_LISTEN} or 0.0.0.0:8046")
     if not is_loopback and not with_token:
         raise ViewError(f"{listen}: access from other computers needs a token; give its file")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -37,6 +38,7 @@ class History:
         self.now: dict[str, Any] = {}
         self._rows: list[list[float | None]] = []
         self._marks: deque[Mark] = deque(maxlen=MAX_MARKS)
+        self._begin_s, self._last_s = math.inf, -math.inf  # times of the first and the last row
         self._interval_s = 0.0
 
     def restart(self) -> None:
@@ -44,6 +46,7 @@ class History:
         self.epoch += 1
         self._rows.clear()
         self._marks.clear()
+        self._begin_s, self._last_s = math.inf, -math.inf
         self._interval_s = 0.0
 
     def add(self, row: Row, marks: Sequence[Mark], now: Mapping[str, Any]) -> bytes:
@@ -53,13 +56,13 @@ class History:
         values = [_round_number(name, row.get(name)) for name in COLUMNS]
         time_s = values[0]
         rows: list[list[float | None]] = []
-        if time_s is not None and (not self._rows or time_s - (self._rows[-1][0] or 0.0) >= self._interval_s):
+        if time_s is not None and time_s - self._last_s >= self._interval_s:
             self._rows.append(values)
             rows = [values]
+            self._begin_s, self._last_s = min(self._begin_s, time_s), time_s
         if len(self._rows) > MAX_ROWS:
-            span_s = (self._rows[-1][0] or 0.0) - (self._rows[0][0] or 0.0)
-            self._rows = self._rows[::2]
-            self._interval_s = span_s / len(self._rows)
+            self._rows = self._rows[::2]  # the first and the last row remain
+            self._interval_s = (self._last_s - self._begin_s) / len(self._rows)
             self.epoch += 1
         return _encode_json({"rows": rows, "marks": [list(mark) for mark in marks], "now": now, "values": values})
 

@@ -62,8 +62,7 @@ class Hub:
             if after is not None:
                 self._condition.wait_for(lambda: self.is_closed or self._number > after[0], KEEPALIVE_S)
             position = (self._number, self._epoch)
-            oldest = self._backlog[0][0] if self._backlog else self._number + 1
-            if after is None or after[1] != self._epoch or after[0] + 1 < oldest <= self._number:
+            if after is None or after[1] != self._epoch or after[0] < self._number - len(self._backlog):
                 return position, [("whole", self._read_all())]
             return position, [("new", message) for number, _, message in self._backlog if number > after[0]]
 
@@ -87,9 +86,8 @@ class ViewServer(ThreadingHTTPServer):
         self.policy = policy(LIVE, connect=True) + "; frame-ancestors 'none'"
         try:
             super().__init__(address, _Handler)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise ViewError(f"{address[0]}:{address[1]}: {reason}; use another --listen HOST:PORT") from None
+        except OSError as error:
+            raise ViewError(f"{address[0]}:{address[1]}: {error.strerror}; use another --listen HOST:PORT") from None
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Handle a request in its own thread, up to the connection limit."""

@@ -154,6 +154,30 @@ def test_harness_lines_add_true_values(rig):
     assert "begin_utc_s" not in rig.history.now
 
 
+def test_numbers_and_texts_up_to_their_limits_are_accepted(rig):
+    rig.feed.add_line(b'{"time_s": 1.0, "true_heading_deg": -1e15, "title": "' + b"x" * 300 + b'"}')
+    rig.advance(goal_deg=1e15, heading_deg=-1e15, error_deg=1.1e15)
+    values = rig.values()
+    names = ("true_heading_deg", "goal_deg", "compass_deg", "error_deg")
+    assert [values[name] for name in names] == [-1e15, 1e15, -1e15, None]
+    rig.feed.add_line(b'{"time_s": 2.0, "true_heading_deg": 1.1e15, "title": "' + b"y" * 301 + b'"}')
+    assert rig.values()["true_heading_deg"] == -1e15
+    assert rig.history.now["title"] == "x" * 300
+    rig.feed.add_line(b'{"time_s": 3.0' + b" " * 16_369 + b"}")  # 16,384 bytes
+    rig.feed.add_line(b'{"time_s": 4.0' + b" " * 16_370 + b"}")
+    assert rig.values()["time_s"] == 3.0
+
+
+def test_last_500_events_are_known(rig):
+    for count, repeated in ((500, 0), (501, 501)):
+        events = [{"t_s": number + 0.04, "severity": 4, "text": "x" * 301} for number in range(count)]
+        rig.advance(events=events, pid=count)
+        assert len(marks := rig.poll()["marks"]) == count
+        assert marks[0] == [-51.0, 4, "x" * 300]
+        rig.advance()
+        assert len(rig.poll()["marks"]) == repeated
+
+
 @pytest.mark.parametrize("line", [b"", b"\xff", b"[1]", b"{", b"[" * 9000, b'{"time_s": ' + b"1" * 20_000 + b"}"])
 def test_invalid_harness_line_is_ignored(rig, line):
     rig.feed.add_line(line)

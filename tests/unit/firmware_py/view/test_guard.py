@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.view.guard import Guard, ViewError, read_token
+from firmware_py.view.guard import Guard, ViewError, parse_listen_address, read_token
 
 TOKEN = "0123456789abcdef"
 LOCAL = Guard("", is_loopback=True)
@@ -15,7 +15,8 @@ COOKIE = {"Host": "10.0.0.7:8046", "Cookie": f"rambler_view={TOKEN}"}
 )
 def test_loopback_names_are_accepted(host):
     assert LOCAL.check("GET", "/", {"Host": host}).status == 200
-    assert LOCAL.check("HEAD", "/events", {"Host": host, "Origin": f"http://{host}"}).path == "/events"
+    same_origin = {"Host": host, "Origin": f"http://{host}", "Sec-Fetch-Site": "same-origin"}
+    assert LOCAL.check("HEAD", "/events", same_origin).path == "/events"
 
 
 @pytest.mark.parametrize(
@@ -69,8 +70,30 @@ def test_wrong_token_is_refused(token):
     assert OPEN.check("GET", "/", {"Host": "10.0.0.7", "Cookie": "rambler_view=x; rambler_view"}).status == 403
 
 
-def test_too_long_address_is_refused():
-    assert LOCAL.check("GET", "/" + "x" * 2000, {"Host": "localhost"}).status == 414
+def test_address_of_more_than_1024_characters_is_refused():
+    lengths = (1024, 1025)
+    assert [LOCAL.check("GET", "x" * length, {"Host": "localhost"}).status for length in lengths] == [200, 414]
+
+
+@pytest.mark.parametrize(
+    ("listen", "host", "port", "is_loopback"),
+    [("127.0.0.1:8046", "127.0.0.1", 8046, True), ("localhost:0", "127.0.0.1", 0, True),
+     ("[::1]:65535", "::1", 65535, True), ("0.0.0.0:1", "0.0.0.0", 1, False), ("10.0.0.7:80", "10.0.0.7", 80, False)],
+)  # fmt: skip
+def test_listen_address_needs_a_token_unless_it_is_a_loopback_address(listen, host, port, is_loopback):
+    assert parse_listen_address(listen, with_token=True) == (host, port, is_loopback)
+    if is_loopback:
+        assert parse_listen_address(listen, with_token=False) == (host, port, is_loopback)
+    else:
+        with pytest.raises(ViewError, match="needs a token"):
+            parse_listen_address(listen, with_token=False)
+
+
+@pytest.mark.parametrize("listen", ["", "8046", "127.0.0.1", "127.0.0.1:", "127.0.0.1:x", "127.0.0.1:65536",
+                                    "127.0.0.1:-1", "boat:8046", ":8046"])  # fmt: skip
+def test_invalid_listen_address_is_refused(listen):
+    with pytest.raises(ViewError, match="not an address"):
+        parse_listen_address(listen, with_token=True)
 
 
 @pytest.mark.parametrize("target", ["//evil.example/", "http://[", "/?token=%ff%fe", "*", "\0"])
@@ -80,14 +103,17 @@ def test_invalid_address_is_refused(target):
 
 def test_token_file_must_be_private_and_valid(tmp_path):
     path = tmp_path / "token"
-    path.write_text(TOKEN + "\n")
-    path.chmod(0o600)
-    assert read_token(path) == TOKEN
-    path.chmod(0o604)
-    with pytest.raises(ViewError, match="chmod 600"):
-        read_token(path)
-    path.chmod(0o600)
-    for text in ("", "short", "x" * 300, "with spaces in it here", "\xff" * 20):
+    path.touch(mode=0o600)
+    for token in (TOKEN, "x" * 256):
+        path.write_text(token + "\n")
+        assert read_token(path) == token
+    for mode in (0o601, 0o602, 0o604):
+        path.chmod(mode)
+        with pytest.raises(ViewError, match="chmod 600"):
+            read_token(path)
+    path.chmod(0o640)
+    assert read_token(path) == token
+    for text in ("", "x" * 15, "x" * 257, "with spaces in it here", "\xff" * 20):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(ViewError, match="openssl rand"):
             read_token(path)

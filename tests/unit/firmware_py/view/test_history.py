@@ -29,6 +29,8 @@ def test_number_of_rows_is_limited_over_the_whole_voyage():
     history = History()
     for number in range(20_000):
         history.add({"time_s": float(number)}, [(float(number), 6, "x")], {})
+        if number in (2399, 2400):
+            assert (len(read_all(history)["rows"]), history.epoch) == ((2400, 0) if number == 2399 else (1201, 1))
     data = read_all(history)
     times = [row[0] for row in data["rows"]]
     assert MAX_ROWS / 2 <= len(times) <= MAX_ROWS
@@ -39,12 +41,16 @@ def test_number_of_rows_is_limited_over_the_whole_voyage():
     assert history.epoch > 0  # readers must reload all rows
 
 
-def test_invalid_numbers_are_null():
+def test_numbers_are_rounded_and_invalid_ones_are_null():
     history = History()
     update = json.loads(
         history.add({"time_s": 1.0, "heading_deg": math.nan, "goal_deg": "x", "rudder_deg": None}, [], {})
     )
     assert set(update["values"][1:]) == {None}
+    row = {"lat_deg": 36.123456789, "lon_deg": -1e15, "heading_deg": 1.23456, "goal_deg": 1e15, "rudder_deg": 1.1e15}
+    values = dict(zip(COLUMNS, json.loads(history.add(row, [], {}))["values"], strict=True))
+    expected = {"lat_deg": 36.1234568, "lon_deg": -1e15, "heading_deg": 1.235, "goal_deg": 1e15, "rudder_deg": None}
+    assert {name: values[name] for name in row} == expected
 
 
 def test_row_without_time_is_ignored():
@@ -54,10 +60,14 @@ def test_row_without_time_is_ignored():
 
 def test_restart_clears_rows_and_marks():
     history = History()
-    history.add({"time_s": 1.0}, [(0.5, 4, "x")], {})
+    for number in range(2401):
+        history.add({"time_s": 100.0 + number}, [(0.5, 4, "x")], {})
     history.restart()
     assert read_all(history)["rows"] == read_all(history)["marks"] == []
-    assert history.epoch == 1
+    assert history.epoch == 2
+    for time_s in (1.0, 1.5, 1.4):  # every row again, but none that goes back in time
+        history.add({"time_s": time_s}, [], {})
+    assert [row[0] for row in read_all(history)["rows"]] == [1.0, 1.5]
 
 
 def test_rows_follow_at_the_interval_of_the_earlier_ones():
