@@ -37,14 +37,14 @@ class Measurement(msgspec.Struct, frozen=True):
     `error` is the error code of a charger, 0 for none; `alarm` are the alarm reasons of a monitor as bits.
     """
 
-    voltage_v: float | None = None
-    current_a: float | None = None
-    charge: float | None = None
-    solar_w: float | None = None
-    load_a: float | None = None
-    temperature_c: float | None = None
-    error: int = 0
-    alarm: int = 0
+    voltage_v: float | None
+    current_a: float | None
+    charge: float | None
+    solar_w: float | None
+    load_a: float | None
+    temperature_c: float | None
+    error: int
+    alarm: int
 
 
 class BlockFramer:

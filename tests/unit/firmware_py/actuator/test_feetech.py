@@ -323,33 +323,6 @@ def test_torque_is_not_switched_on_with_an_encoder_error_or_while_hot(running, s
     assert [address for address, _, _ in servo.writes] == [42]  # before the first reply with the error
 
 
-def test_second_overload_within_thirty_seconds_waits(running, servo):
-    servo.cut_torque(32)
-    running.ticks(32)
-    assert servo.registers[40] == ON
-    servo.status = 0
-    running.ticks(5)
-    servo.cut_torque(32)
-    servo.writes.clear()
-    running.ticks(250)
-    assert switched_on(servo) == []
-    running.ticks(50)
-    assert len(switched_on(servo)) == 1
-
-
-def test_second_overload_after_thirty_seconds_waits_three(running, servo):
-    servo.cut_torque(32)
-    running.ticks(32)
-    servo.status = 0
-    running.ticks(310)
-    servo.cut_torque(32)
-    servo.writes.clear()
-    running.ticks(29)
-    assert switched_on(servo) == []
-    running.ticks(4)
-    assert len(switched_on(servo)) == 1
-
-
 def test_overload_with_torque_is_reset_after_three_seconds(running, servo):
     """The servo reduces its output without switching the torque off."""
     servo.status = 32

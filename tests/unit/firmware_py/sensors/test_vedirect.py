@@ -113,9 +113,14 @@ def test_error_of_the_charger_is_a_fault_until_it_ends(deliver, device):
     assert device.health(1.0).state is DeviceState.RUNNING
 
 
-def test_alarm_of_the_monitor_is_reported(deliver, device):
-    deliver(device, block(V="10100", I="-10", Alarm="ON", AR="1"))
-    assert device.health(1.0).text == "alarm, reason code 1"
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [({"Alarm": "ON", "AR": "1"}, "alarm, reason code 1"), ({"Alarm": "On", "AR": "2"}, "alarm, reason code 2"),
+     ({"Alarm": "ON"}, ""), ({"Alarm": "OFF", "AR": "1"}, ""), ({"AR": "1"}, "")],
+)  # fmt: skip
+def test_alarm_of_the_monitor_is_reported(deliver, device, fields, text):
+    deliver(device, block(V="10100", I="-10", **fields))
+    assert device.health(1.0).text == text
 
 
 def test_device_without_data_is_silent_after_five_seconds(deliver, device):
