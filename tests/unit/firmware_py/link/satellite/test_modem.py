@@ -121,6 +121,7 @@ def test_reply_is_awaited_for_its_time(command, delay_s, sent):
         ),
         *((SIGNAL, reply, 0) for reply in (b"+CSQ:0000005", b"+CSQ:5\r\nERROR", b"x\r\n" * 8 + b"+CSQ:5")),
         *((SERIAL_NUMBER, reply, 0) for reply in (IMEI[1:], b"FIFTEEN LETTERS", IMEI + b"\r\nERROR")),
+        *((b"the message", reply, 0) for reply in (b"1", b"", b"0\r\nERROR")),
         *((STATUS, reply, 0) for reply in (b"+SBDSX: 0, 1, 0, -1, 0", b"+SBDSX: 0, 1, 0, -, 0, 0")),
     ],
 )
@@ -128,6 +129,7 @@ def test_session_needs_valid_replies_and_a_sufficient_signal(command, reply, cal
     modem = queue_report(ScriptedModem())
     modem.replies[command] = reply
     assert len(modem.run(30).calls) == calls
+    assert (modem.driver.counts.sent, modem.driver.ledger.total) == (calls, calls)
 
 
 @pytest.mark.parametrize(("rejected", "calls"), [((b"AT+SBDMTA=1", b"AT&K0"), 1), ((b"ATE0",), 0), ((b"AT+CGSN",), 0)])

@@ -56,6 +56,14 @@ def test_local_position_is_relative_to_home(request_message):
     position = request_message(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True, home=HOME)
     assert (position.x, position.y, position.z) == pytest.approx((100.0, 0.0, -2.0), abs=1e-3)
     assert (position.vx, position.vy, position.vz) == pytest.approx((0.0, 0.5, 0.0), abs=1e-6)
+    for velocity in (
+        {"speed_over_ground_m_s": None},
+        {"course_over_ground_rad": None},
+        {"course_over_ground_rad": math.inf},
+    ):
+        fix = msgspec.structs.replace(FIX, **velocity)
+        position = request_message(32, "LOCAL_POSITION_NED", position=fix, position_ok=True, home=HOME)
+        assert (position.vx, position.vy) == (0.0, 0.0)
     assert request_message(32, "LOCAL_POSITION_NED", position=FIX, position_ok=False, home=HOME) is None
     assert request_message(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True) is None
 

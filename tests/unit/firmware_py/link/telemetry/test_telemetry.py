@@ -12,6 +12,7 @@ from firmware_py.common.records import CalibrationState, FixType, PositionSample
 from firmware_py.common.reports import (
     Activity,
     DeadReckoningPosition,
+    Energy,
     Estimate,
     Flow,
     Home,
@@ -43,7 +44,16 @@ DEAD_RECKONING = {
 @pytest.fixture
 def build(snapshot):
     def build_message(name, **changes):
-        names = ("load", "refused_frames", "intended_mode", "utc_s", "fence_breaches", "override_us", "swing")
+        names = (
+            "load",
+            "refused_frames",
+            "intended_mode",
+            "utc_s",
+            "fence_breaches",
+            "override_us",
+            "swing",
+            "written",
+        )
         values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9}
         values |= {key: changes.pop(key) for key in names if key in changes}
         boat = msgspec.structs.replace(snapshot, **changes)
@@ -190,8 +200,9 @@ def test_estimates_are_sent_as_named_values(build):
         1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 0.3, 0.0, 0.9,
         yaw_diffusion_rad2_s=2.5 * math.radians(1.0) ** 2, prediction_square=1.1,
     )  # fmt: skip
-    water = Water(0.8, 0.05, 0.1, -0.2, 0.04)
+    water = Water(0.8, 0.05, 0.1, -0.2, 0.04, leeway_rad=math.radians(7.0))
     values = {
+        "LEEWAY": 7,
         "HDG_SRC": 1,
         "HDG_SD": 3,
         "TRIM": 6,
@@ -211,6 +222,25 @@ def test_estimates_are_sent_as_named_values(build):
         assert build(f"NAMED_VALUE_FLOAT {name}") is None
     assert build("VFR_HUD", water=water).airspeed == pytest.approx(0.8)
     assert build("HIGH_LATENCY2", water=water).airspeed == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "value"),
+    [
+        ("STO_WRITES", {"written": (7, 2_500_000)}, 7),
+        ("STO_MB", {"written": (7, 2_500_000)}, 2.5),
+        ("RUD_TRAVEL", {"energy": Energy(travel_rad_per_h=math.radians(900.0))}, 900),
+        ("RUD_REVERS", {"energy": Energy(reversals_per_h=12.0)}, 12),
+        ("RUD_WH", {"energy": Energy(energy_j=5400.0, power_w=0.5)}, 1.5),
+        ("RUD_WATT", {"energy": Energy(energy_j=5400.0, power_w=0.5)}, 0.5),
+    ],
+)
+def test_storage_and_energy_are_sent_as_named_values(build, name, changes, value):
+    message = build(f"NAMED_VALUE_FLOAT {name}", **changes)
+    assert (message.name, message.value, message.time_boot_ms) == (name, pytest.approx(value), 12_500)
+    assert build(f"NAMED_VALUE_FLOAT {name}") is None
+    assert build("NAMED_VALUE_FLOAT RUD_WH", energy=Energy(energy_j=5400.0)) is None
+    assert build("NAMED_VALUE_FLOAT HELM_SOFT", gain_reduction=0.125).value == 0.125
 
 
 def test_battery_status_has_one_voltage(build):
