@@ -28,6 +28,7 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State, first_item, situation_at
+from firmware_py.estimate.position import place_of
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import convert_mission
 from firmware_py.modes import ACCEPTED, decide
@@ -78,10 +79,10 @@ def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]
     latitude_rad, longitude_rad = intent.latitude_rad, intent.longitude_rad
     if latitude_rad is None or longitude_rad is None:
         fix = state.position.fix if situation_at(state, t_s).position_ok else None
-        if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
+        if fix is None:
             return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home refused: no position")
-        home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
-        return replace(state, home=home), ACCEPTED
+        place = place_of(fix)
+        return replace(state, home=Home(place.latitude_rad, place.longitude_rad, fix.altitude_m or 0.0)), ACCEPTED
     # With NaN a comparison is false.
     if not (abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and abs(intent.altitude_m) <= 1e5):
         return state, Answer(Verdict.DENIED, "Home refused: position out of range")

@@ -51,7 +51,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
             )
             events += consistency_events
             if state.home is None:
-                state = replace(state, home=_home_at(position_state.begun))
+                state = replace(state, home=_home_at(sample))
             elif (wrong_fix := position.find_wrong_first_fix(previous, position_state)) is not None:
                 state, correction_events = _correct_first_position(state, wrong_fix, sample)
                 events += correction_events
@@ -152,8 +152,7 @@ def _correct_first_position(
     return state, (Event(Severity.WARNING, text),)
 
 
-def _home_at(sample: PositionSample | None) -> Home | None:
-    """Return home at the position of a fix; None without a position."""
-    if sample is None or sample.latitude_rad is None or sample.longitude_rad is None:
-        return None
-    return Home(sample.latitude_rad, sample.longitude_rad, sample.altitude_m or 0.0)
+def _home_at(fix: PositionSample) -> Home:
+    """Return home at the position of an accepted fix."""
+    place = position.place_of(fix)
+    return Home(place.latitude_rad, place.longitude_rad, fix.altitude_m or 0.0)

@@ -69,9 +69,9 @@ def snapshot_of(
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
         rudder_estimate_rad=rudder.angle_rad if rudder.estimated else None,
         wind=wind,
-        wind_ok=wind is not None and instruments.is_recent(wind, inputs.tick.t_s),
+        wind_ok=instruments.is_recent(wind, inputs.tick.t_s),
         depth=depth,
-        depth_ok=depth is not None and instruments.is_recent(depth, inputs.tick.t_s),
+        depth_ok=instruments.is_recent(depth, inputs.tick.t_s),
     )
 
 

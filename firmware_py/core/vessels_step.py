@@ -33,7 +33,7 @@ def watch_vessels(
     traffic_state, events = traffic.receiver_events(state.traffic, inputs.devices, now_s)
     if inputs.vessels or traffic_state.vessels:
         own_motion = None
-        if state.position.fix is not None and freshness.position is Age.FRESH:
+        if freshness.position is Age.FRESH:
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None

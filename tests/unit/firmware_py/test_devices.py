@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode
+from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode, find_capture
 from support.line import FakeLine
 from support.paths import ROOT
 
@@ -145,6 +145,12 @@ def test_names_of_the_capture_formats():
     ]
     (result,) = decode("nmea", b"$HEHDT,341.8,T*21\r\n")
     assert (result["type"], result["true_deg"]) == ("heading", 341.8)
+
+
+@pytest.mark.parametrize("name", ["volz", "nothing"])
+def test_driver_without_a_capture_format_is_refused(name):
+    with pytest.raises(ValueError, match=f"^unknown capture format: '{name}'; use one of nmea, pni, "):
+        find_capture(name)
 
 
 def test_only_the_drivers_that_the_vehicle_file_names_are_imported():

@@ -27,6 +27,8 @@ from firmware_py.core.resume import Moment, restore, resume_of, to_bytes
 from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
+from firmware_py.safety.oscillation import NO_HALF
+from firmware_py.safety.steering_monitor import NO_BLOCK
 from support.tick_boat import FIX, Boat
 
 
@@ -193,6 +195,22 @@ def test_failsafe_does_not_resume_manual(mode, after):
     boat.tick(devices=link_health(boat))
     assert boat.run(1.0).snapshot.mode is after
     assert ("Failsafe ended: LOITER kept, no stick input" in boat.events) is (mode is Mode.MANUAL)
+
+
+def test_steering_is_monitored_while_armed_with_a_servo_that_responds():
+    boat = Boat()
+    boat.run(0.3)
+    boat.tick(SetMode(Mode.GUIDED), SteerHeading(2.0))
+    boat.run(3.0)
+    assert boat.state.supervisor.oscillation.half == NO_HALF
+    assert boat.state.supervisor.steering_monitor.block == NO_BLOCK
+    boat.tick(Arm(armed=True))
+    boat.run(3.0)
+    assert boat.state.supervisor.oscillation.half.side == 1.0
+    assert boat.state.supervisor.steering_monitor.block != NO_BLOCK
+    boat.servo = False
+    boat.run(3.0)
+    assert boat.state.supervisor.steering_monitor.block == NO_BLOCK
 
 
 def test_heading_that_does_not_converge_is_reported_once():

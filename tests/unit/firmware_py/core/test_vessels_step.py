@@ -52,6 +52,14 @@ def test_approach_is_reported_and_avoided_until_it_ends():
     assert len(boat.times_of("ANNA: closest")) == 1
 
 
+def test_vessel_at_a_loiter_point_is_avoided():
+    boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, AIS_ACT=1)
+    boat.vessels_at = ship_reports(1300.0, -30.0)
+    boat.get_under_way(Mode.LOITER).run(30.0)
+    assert boat.times_of("Avoidance: heading")
+    assert boat.state.aside.way_rad is not None
+
+
 def test_vessels_are_only_reported_by_default():
     boat = approaching_ship().run(30.0)
     assert boat.times_of("ANNA: closest")

@@ -10,7 +10,7 @@ from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.reports import Home
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput, GuidanceSettings, GuidanceState
-from firmware_py.guidance.tasks import VesselMotion
+from firmware_py.guidance.tasks import GoTo, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 from support.plans import FENCE_ITEMS, item, mission, placed
 
@@ -77,6 +77,22 @@ def test_home_of_a_mission_keeps_the_altitude(home, altitude_m):
     new_home = guidance.update(SETTINGS, GuidanceState(), replace(inputs, home=home)).home
     assert (new_home.latitude_rad, new_home.longitude_rad) == pytest.approx(placed(300.0, 0.0), abs=1e-9)
     assert new_home.altitude_m == altitude_m
+
+
+def test_return_task_keeps_its_destination_without_a_position():
+    home, rtl = Home(*placed(300.0, 0.0), 0.0), replace(GUIDED, mode=Mode.RTL)
+
+    def task_at(t_s, state, motion, home):
+        inputs = replace(guidance_input(t_s, rtl, motion=motion), home=home)
+        return guidance.update(SETTINGS, state, inputs).state
+
+    state = task_at(100.0, GuidanceState(), None, home)
+    assert state.task is None
+    state = task_at(101.0, state, MOTION, home)
+    destination = GoTo(Place(*placed(300.0, 0.0)), None, 20.0, 50.0)
+    assert state.task == replace(destination, station_radius_m=SETTINGS.tasks.station_radius_m)
+    for t_s, motion, present_home in ((102.0, None, home), (103.0, None, None), (104.0, MOTION, None)):
+        assert task_at(t_s, state, motion, present_home).task == state.task
 
 
 def test_mission_starts_with_arming():

@@ -94,6 +94,13 @@ def test_vessel_stays_near_while_the_way_back_leads_near_it():
         assert (state.near, texts) == (is_near, [])
 
 
+def test_vessel_ahead_is_near_although_other_courses_lead_away_from_it():
+    place, away_m_s = HERE.place, (-0.4, 0.0)
+    state, _ = update(TrafficState(), 0.0, position(1, 0.0, 200.0, 10.0, 0.0), own=OwnMotion(place, (0.4, 0.0)))
+    state, _ = update(state, 2.0, own=OwnMotion(place, (0.4, 0.0), away_m_s, away_m_s))
+    assert state.near
+
+
 def test_vessel_without_speed_or_course_does_not_move():
     report = VesselPosition(0.0, 1, VesselKind.CLASS_B, *placed(80.0, 0.0))
     state, texts = update(TrafficState(), 0.0, report)
