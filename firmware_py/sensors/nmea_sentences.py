@@ -106,14 +106,11 @@ def _position_fields(latitude_index: int) -> tuple[tuple[str, Reader], ...]:
     return (("lat_deg", latitude_field(latitude_index)), ("lon_deg", longitude_field(latitude_index + 2)))
 
 
-def _fix_quality_fields(satellites_index: int) -> tuple[tuple[str, Reader], ...]:
-    return (
-        ("satellites", number_field(satellites_index, 0, 255)),
-        ("hdop", number_field(satellites_index + 1, 0.0, 1e4)),
-        ("altitude_m", number_field(satellites_index + 2, -1e3, 1e5)),
-    )
-
-
+_FIX_QUALITY = (
+    ("satellites", number_field(6, 0, 255)),
+    ("hdop", number_field(7, 0.0, 1e4)),
+    ("altitude_m", number_field(8, -1e3, 1e5)),
+)
 _TRUE_HEADING = ("heading_true_deg", number_field(0, 0.0, 360.0, unit="T"))
 _CROSS_TRACK = ("cross_track_m", number_field(2, 0.0, 1e4, scale=1852.0))
 _TIME_IN_FIRST_FIELD = ("time_of_day_s", time_of_day_field(0))
@@ -174,9 +171,9 @@ TABLE: Mapping[str, Layout] = {
     "GGA": Layout(
         "position",
         9,
-        (_TIME_IN_FIRST_FIELD, *_position_fields(1), ("quality", number_field(5, 0, 9)), *_fix_quality_fields(6)),
+        (_TIME_IN_FIRST_FIELD, *_position_fields(1), ("quality", number_field(5, 0, 9)), *_FIX_QUALITY),
     ),
-    "GNS": Layout("position", 9, (_TIME_IN_FIRST_FIELD, *_position_fields(1), *_fix_quality_fields(6)), (("mode", 5),)),
+    "GNS": Layout("position", 9, (_TIME_IN_FIRST_FIELD, *_position_fields(1), *_FIX_QUALITY), (("mode", 5),)),
     "GLL": Layout(
         "position", 6, (("time_of_day_s", time_of_day_field(4)), *_position_fields(0)), (("status", 5), ("mode", 6))
     ),

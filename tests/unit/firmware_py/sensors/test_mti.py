@@ -199,6 +199,13 @@ def test_invalid_orientation_gives_no_heading_and_no_new_set_up(exchange, compas
     assert compass.health(5.1).state is DeviceState.RUNNING
 
 
+def test_data_without_a_status_give_no_heading(deliver, compass, set_up):
+    assert deliver(compass, message(0x36, struct.pack(">HB3f", 0x2034, 12, 0.0, 0.0, 90.0))) == ()
+    assert compass.health(1.0).text == "data without status"
+    assert len(deliver(compass, data())) == 1
+    assert compass.health(1.0).text == ""
+
+
 @pytest.mark.parametrize(("status", "text"), [(2, "self-test failed"), (3 | 1 << 14, "out of range: magnetometer")])
 def test_reported_fault_is_faulty_and_keeps_the_heading(deliver, compass, set_up, status, text):
     assert len(deliver(compass, data(status=status))) == 1

@@ -168,13 +168,13 @@ def test_whole_seconds_of_a_fast_receiver_are_valid(deliver, receiver):
 
 def test_utc_without_a_date_is_extrapolated_from_the_last_date(deliver, receiver):
     samples = [
-        *deliver(receiver, "GPZDA,235959.00,31,12,2024,00,00", gga("235959.50"), now_s=0.5),
-        *deliver(receiver, gga("000000.00"), now_s=1.0),
-        *deliver(receiver, gga("000000.50"), now_s=1.5),
+        *deliver(receiver, "GPZDA,235959.00,31,12,2024,00,00", gga("235959.50"), now_s=90_000.5),
+        *deliver(receiver, gga("000000.00"), now_s=90_001.0),
+        *deliver(receiver, gga("000000.50"), now_s=90_001.5),
     ]
     midnight_s = utc(2025, 1, 1)
     assert [sample.utc_s for sample in samples] == [midnight_s - 0.5, midnight_s, midnight_s + 0.5]
-    (sample,) = deliver(receiver, gga("120000.00"), now_s=129_601.0)
+    (sample,) = deliver(receiver, gga("120000.00"), now_s=219_601.0)
     assert sample.utc_s == utc(2025, 1, 2, 12)
 
 
