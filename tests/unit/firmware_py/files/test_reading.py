@@ -96,6 +96,29 @@ def test_growing_file_is_refused(tmp_path, monkeypatch):
 def test_limit_itself_is_allowed(tmp_path):
     (tmp_path / "file").write_bytes(b"x" * 3_000_000)
     assert read_regular(tmp_path / "file", 3_000_000) == b"x" * 3_000_000
+    for max_bytes, text in ((2_999_999, "2 MiB"), ((1 << 20) - 1, "1023 KiB"), (1 << 20, "1 MiB")):
+        with pytest.raises(OSError, match=rf"\[Errno {errno.EFBIG}\] is larger than {text}$"):
+            read_regular(tmp_path / "file", max_bytes)
+
+
+@pytest.mark.parametrize(
+    ("mode", "owners", "reason"),
+    [
+        (0o666, None, None),
+        (0o644, {os.geteuid()}, None),
+        (0o620, {os.geteuid()}, "is writable by other users"),
+        (0o602, {os.geteuid()}, "is writable by other users"),
+        (0o600, {os.geteuid() + 1}, f"belongs to user {os.geteuid()}, who is not trusted here"),
+    ],
+)
+def test_owner_and_mode_are_checked_only_on_request(tmp_path, mode, owners, reason):
+    (tmp_path / "file").write_bytes(b"content")
+    (tmp_path / "file").chmod(mode)
+    if reason is None:
+        assert read_regular(tmp_path / "file", 7, owners=owners) == b"content"
+    else:
+        with pytest.raises(PermissionError, match=reason):
+            read_regular(tmp_path / "file", 7, owners=owners)
 
 
 def test_text_must_be_utf_8(tmp_path):
@@ -109,8 +132,16 @@ def test_json_within_the_limits_is_read(data):
     assert read_json(data) == json.loads(data)
 
 
+def test_unprintable_characters_of_json_are_escaped():
+    assert read_json(b'{"a\\n": ["\\u001b", true, "\xc3\xa9"]}') == {"a\\n": ["\\x1b", True, "\xe9"]}
+
+
 @pytest.mark.parametrize(
-    "data", [b"1000000000000001", b"-1000000000000001", b"NaN", b"[" * 13 + b"]" * 13, b"[" * 10**5]
+    "data",
+    [
+        *(b"1000000000000001", b"-1000000000000001", b"1e400", b"NaN"),
+        *(b"[" * 13 + b"]" * 13, b'{"a":' * 13 + b"1" + b"}" * 13, b"[" * 10**5),
+    ],
 )
 def test_json_beyond_the_limits_is_refused(data):
     with pytest.raises(ValueError):

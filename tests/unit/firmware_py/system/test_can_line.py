@@ -129,12 +129,14 @@ def test_frames_of_an_adapter():
         short = can.Message(arbitration_id=0x123, data=b"\x01", is_extended_id=False)
         flexible = can.Message(arbitration_id=0x123, data=bytes(12), is_fd=True)
         flexible_short = can.Message(arbitration_id=0x123, data=bytes(8), is_fd=True)
-        for message in (HEADING, remote, flexible, flexible_short, short):
+        error = can.Message(arbitration_id=0x4, is_error_frame=True, is_extended_id=False)
+        for message in (HEADING, remote, flexible, flexible_short, short, error):
             far.send(message)
         frames = line.read()
     assert without_padding(frames[:16]) == without_padding(build_can_frame(HEADING))
     assert int.from_bytes(frames[16:20], "little") == 0x09F11223 | 0xC0000000
-    assert without_padding(frames[32:]) == without_padding(build_can_frame(short))
+    assert without_padding(frames[32:48]) == without_padding(build_can_frame(short))
+    assert int.from_bytes(frames[48:52], "little") == 0x20000004
     assert (line.connected, line.openings, line.fileno(), line.write(b"x"), line.read()) == (True, 1, -1, False, b"")
     line.close()
     assert (line.connected, line.read()) == (False, b"")
@@ -173,8 +175,11 @@ def test_adapter_that_fails_is_opened_again():
 
 
 def test_descriptor_of_an_adapter():
-    line, closed = CanAdapterLine("can:slcan:/dev/ttyACM0"), []
+    line, closed, waits_s = CanAdapterLine("can:slcan:/dev/ttyACM0"), [], []
     assert line.fileno() == -1
+    line._bus = SimpleNamespace(recv=lambda wait_s: waits_s.append(wait_s) or HEADING)
+    assert (len(line.read()), line.fileno()) == (256 * 16, -1)
+    assert waits_s == [0.0] * 256
     line._bus = SimpleNamespace(fileno=lambda: 5, shutdown=lambda: closed.append(True))
     assert line.fileno() == 5
     line.close()
@@ -192,7 +197,8 @@ def test_adapter_that_cannot_be_opened():
 def test_reason_of_an_adapter_is_a_short_text_without_error_numbers(monkeypatch):
     text = "could not open port /dev/ttyACM0: {}No such file or directory"
 
-    def fail(**_options):
+    def fail(**options):
+        assert options == {"interface": "slcan", "channel": "/dev/ttyACM0", "bitrate": 250_000}
         raise OSError("[Errno 2] " + text.format("[Errno 2] ") + ": " + 80 * "x")
 
     monkeypatch.setattr(can, "Bus", fail)

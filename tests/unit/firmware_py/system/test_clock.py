@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.install.service_files import Service, build_unit
-from firmware_py.system.clock import BOOT_ID, ClockError, LockstepClock, RealClock, TickTimer, boot_id
+from firmware_py.system import clock as clock_module
+from firmware_py.system.clock import BOOT_ID, ClockError, LockstepClock, RealClock, TickTimer, boot_id, set_utc_s
 
 LOCK_MARGIN_S = 0.002
 MAX_PHASE_STEP = 0.005
@@ -77,6 +78,24 @@ def test_ticks_lock_to_shortly_after_the_arrivals():
     assert locked[0] > 0.0
 
 
+@pytest.mark.parametrize(
+    ("arrival_s", "shift_s"),
+    [(-0.004, -0.0002), (0.0, 0.0002), (-0.012, -0.0005), (0.02, 0.0005), (-0.104, -0.0002), (0.096, -0.0002)],
+)
+def test_phase_moves_by_a_tenth_of_the_error_and_at_most_half_a_percent_of_the_period(arrival_s, shift_s):
+    """The aim is 2 ms after an arrival."""
+    timer = TickTimer(0.0, 10.0)
+    timer.lock(arrival_s)
+    assert timer.advance(0.0) == 0
+    assert timer.deadline_s == pytest.approx(0.1 + shift_s, abs=1e-9)
+
+
+@pytest.mark.parametrize(("end_s", "skipped", "deadline_s"), [(0.374, 0, 0.25), (0.375, 1, 0.5), (0.624, 1, 0.5)])
+def test_deadline_is_skipped_half_a_period_after_it(end_s, skipped, deadline_s):
+    timer = TickTimer(0.0, 4.0)
+    assert (timer.advance(end_s), timer.deadline_s) == (skipped, deadline_s)
+
+
 def test_without_arrivals_the_interval_is_the_period():
     timer = TickTimer(0.0, 10.0)
     timer.lock(0.05)
@@ -101,6 +120,28 @@ def test_the_real_clock_wakes_for_a_descriptor_before_the_deadline():
     assert list(clock.wait(clock.now_s() - 1.0, [])) == []
     os.close(reader)
     os.close(writer)
+
+
+def test_the_real_clock_counts_from_its_start_and_waits_for_the_remaining_time(monkeypatch):
+    monotonic_s, waits_s = [100.0], []
+    monkeypatch.setattr(clock_module.time, "monotonic", lambda: monotonic_s[0])
+    monkeypatch.setattr(clock_module.select, "select", lambda *values: waits_s.append(values[3]) or ([],))
+    monkeypatch.setattr(clock_module.time, "time", lambda: 1.8e9)
+    clock = RealClock()
+    monotonic_s[0] = 130.0
+    assert (clock.now_s(), clock.utc_s()) == (30.0, 1.8e9)
+    for deadline_s in (31.5, 30.0, 29.0):
+        clock.wait(deadline_s, [])
+    assert waits_s == [1.5, 0.0, 0.0]
+
+
+def test_the_calendar_clock_is_set_if_that_is_permitted(monkeypatch):
+    calls = []
+    monkeypatch.setattr(clock_module.time, "clock_settime", lambda *values: calls.append(values))
+    assert set_utc_s(1.8e9)
+    assert calls == [(clock_module.time.CLOCK_REALTIME, 1.8e9)]
+    monkeypatch.setattr(clock_module.time, "clock_settime", lambda *_values: os.kill(2**22 + 1, 0))
+    assert not set_utc_s(1.8e9)
 
 
 @pytest.fixture
@@ -227,6 +268,16 @@ def test_busy_waiting_gives_the_same_result(lockstep, busy_wait_s):
     assert list(clock.wait(3.1, [])) == []
     assert clock.now_s() == 3.1
     thread.join()
+
+
+def test_a_reply_that_has_arrived_needs_no_busy_waiting(lockstep, monkeypatch):
+    clock, hil = lockstep
+    hil.sendall(reply(3.05, busy_wait_s=30.0))
+    clock.wait(3.1, [])
+    hil.sendall(reply(3.1))
+    monkeypatch.setattr(os, "sched_yield", lambda: pytest.fail("the reply is there"))
+    clock.wait(3.1, [])
+    assert clock.now_s() == 3.1
 
 
 def test_readable_descriptors_keep_the_requested_order(lockstep):

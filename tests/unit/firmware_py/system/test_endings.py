@@ -42,6 +42,9 @@ NOW_S = 1_767_225_600.0
         ("oom-kill killed KILL", "out of memory", ""),
         ("timeout killed ABRT", "watchdog", ""),
         ("protocol", "failed", ""),
+        ("signal killed TERM", "killed", "SIGTERM"),
+        (f"exit-code exited {'9' * 21}", "failed", f"exit code {'9' * 20}"),
+        (f"signal killed {'X' * 21}", "killed", f"SIG{'X' * 20}"),
     ],
 )
 def test_each_result_of_the_service_manager_has_a_reason(line, reason, text):
@@ -57,6 +60,46 @@ def test_endings_are_collected_once_with_their_reason(tmp_path):
     )
     assert collect_endings(tmp_path, NOW_S) == ()
     assert collect_endings(None, NOW_S) == ()
+    (tmp_path / ENDED_FILE).write_text("soon\nsoon exit-code exited 3")
+    assert collect_endings(tmp_path, NOW_S) == (Ending("failed", "", NOW_S), Ending("failed", "exit code 3", NOW_S))
+
+
+def test_reason_of_a_run_is_kept_for_an_unexpected_ending(tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_py.system.endings.faulthandler.enable", lambda _file: None)
+    for result, ending in (
+        ("exit-code exited 2", Ending("failed", "no ?", 1.0)),
+        ("success", Ending("stopped", "", 1.0)),
+    ):
+        recorder = EndingRecorder(tmp_path)
+        for text in ("an earlier reason", "no \udcff"):
+            recorder.record_reason(text)
+        recorder._traceback.close()
+        assert (tmp_path / REASON_FILE).stat().st_mode & 0o777 & ~0o640 == 0
+        (tmp_path / ENDED_FILE).write_text(f"1 {result}\n")
+        assert collect_endings(tmp_path, NOW_S) == (ending,)
+
+
+@pytest.mark.parametrize(("size", "count"), [(1 << 16, 1), ((1 << 16) + 1, 0)])
+def test_large_file_of_endings_is_ignored_and_removed(tmp_path, size, count):
+    (tmp_path / ENDED_FILE).write_bytes(b"1 success\n".ljust(size, b"\n"))
+    assert len(collect_endings(tmp_path, NOW_S)) == count
+    assert not (tmp_path / ENDED_FILE).exists()
+
+
+@pytest.mark.parametrize(
+    ("is_young", "has_failed", "reasons", "early"),
+    [
+        (True, False, ("killed",), 3),
+        (True, True, (), 3),
+        (True, True, ("stopped",), 3),
+        (True, False, ("stopped", "shut down", "cut off"), 2),
+        (False, False, ("killed",), 0),
+    ],
+)
+def test_consecutive_short_runs_that_failed_are_counted(is_young, has_failed, reasons, early):
+    added = tuple(Ending(reason) for reason in reasons)
+    endings = Endings(is_young=is_young, failed=has_failed, early=2).with_added(added)
+    assert endings == Endings(dict.fromkeys(reasons, 1), added, is_young=is_young, early=early)
 
 
 C_TRACE = '\nCurrent thread\'s C stack trace (most recent call first):\n  Binary file "/usr/bin/python3", at main+0x3\n'
@@ -120,3 +163,7 @@ def test_invalid_records_are_refused(content):
 def test_texts_times_and_numbers_of_endings_are_limited():
     endings = Endings(last=(Ending("killed", "x" * 1000, math.nan),) * (MAX_ENDINGS + 1))
     assert from_bytes(to_bytes(endings)) == (Endings(last=(Ending("killed", "x" * 160, 0.0),) * MAX_ENDINGS), ())
+    endings = Endings({f"{n:02d}": 10**9 + n - 10 for n in range(21)}, (Ending("a\nb\x1b"),), early=2 * 10**9)
+    counts = {f"{n:02d}": min(10**9 + n - 10, 10**9) for n in range(20)}
+    assert from_bytes(to_bytes(endings))[0] == Endings(counts, (Ending("a b\\x1b"),), early=10**9)
+    assert from_bytes(to_bytes(Endings({"killed": -1}, early=-1)))[0] == Endings({"killed": 0})

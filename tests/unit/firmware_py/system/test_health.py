@@ -64,4 +64,11 @@ def test_failures_of_storage_and_key_and_a_silent_station_are_reported():
     ]
     boat.monitor.blocked_threads = "log"
     assert boat.update(1.0 + STATION_TIMEOUT_S) == [(DeviceRole.STORAGE, FAULTY, "disk not responding: log")]
-    assert boat.update(1.6 + STATION_TIMEOUT_S) == [(DeviceRole.LINK, SILENT, "")]
+    assert boat.update(1.5 + STATION_TIMEOUT_S) == [(DeviceRole.LINK, SILENT, "")]
+    assert boat.monitor.latest == {
+        DeviceRole.COMPASS: DeviceHealth(6.5, DeviceRole.COMPASS, RUNNING, 0, 0),
+        DeviceRole.STORAGE: DeviceHealth(6.5, DeviceRole.STORAGE, FAULTY, 0, 1, "disk not responding: log"),
+        DeviceRole.CLOCK: DeviceHealth(6.5, DeviceRole.CLOCK, RUNNING, 0, 0),
+        DeviceRole.LINK: DeviceHealth(1.0, DeviceRole.LINK, SILENT, 0, 0),
+        DeviceRole.KEY: DeviceHealth(6.5, DeviceRole.KEY, FAULTY, 0, 0, "the signing key is lost"),
+    }

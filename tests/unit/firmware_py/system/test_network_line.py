@@ -46,7 +46,7 @@ def test_each_datagram_is_followed_by_a_line_feed(udp_line):
     sender.send(b"$A")
     sender.send(b"$B")
     assert line.read() == b"$A\n$B\n"
-    assert (line.connected, line.openings, line.baud, line.write(b"x")) == (True, 1, 0, False)
+    assert (line.connected, line.openings, line.baud, line.written, line.write(b"x")) == (True, 1, 0, 0, False)
     line.close()
     assert (line.connected, line.fileno(), line.read()) == (False, -1, b"")
 
@@ -79,6 +79,18 @@ def test_missing_socket_is_opened_again_once_a_second(udp_line):
     assert (line.connected, line.openings) == (True, 2)
     line.reopen(99.0)
     assert line.openings == 2
+
+
+@pytest.mark.parametrize(("host", "address"), [("", "127.0.0.1"), ("0.0.0.0:", "0.0.0.0")])
+def test_line_without_a_host_listens_only_to_this_computer(udp_line, host, address):
+    closed_line, _ = udp_line
+    closed_line.close()
+    line = UdpLine(f"udp:{host}{closed_line.address()[1]}")
+    line.reopen(0.0)
+    assert line._socket.getsockname()[0] == address
+    line.close()
+    with pytest.raises(PortError, match=r"port udp:a+:1: no such address; choose another"):
+        UdpLine(f"udp:{'a' * 70}:1").open()
 
 
 @pytest.mark.parametrize("name", ["tcp:boat.local:10110", "tcp:10110", "tcp:300.0.0.1:1"])

@@ -141,7 +141,8 @@ def test_channel_that_udev_has_not_released_yet_is_opened_later(chip, monkeypatc
 
 def test_lost_chip_is_noticed_and_opened_again(chip):
     chip.create_channel(period="20000000")
-    line = open_line(chip)
+    line = PwmLine(f"pwm:{chip.path}/0")
+    line.reopen(0.0)
     line.write(b"1500000\n")
     for file in chip.channel.iterdir():
         file.unlink()
@@ -155,7 +156,9 @@ def test_lost_chip_is_noticed_and_opened_again(chip):
     assert (chip.read("duty_cycle"), chip.read("enable")) == ("1700000", "1")
 
 
-@pytest.mark.parametrize("data", [b"", b"\n", b"1500000", b"-5\n", b"1e6\n", b" 15\n", b"3000001\n", b"999999999\n"])
+@pytest.mark.parametrize(
+    "data", [b"", b"\n", b"001500000\n", b"1500000", b"-5\n", b"1e6\n", b" 15\n", b"3000001\n", b"999999999\n"]
+)
 def test_invalid_pulse_widths_are_refused(chip, data):
     chip.create_channel(period="20000000", duty_cycle="7")
     line = open_line(chip)
@@ -166,7 +169,10 @@ def test_invalid_pulse_widths_are_refused(chip, data):
 
 def test_longest_pulse_is_accepted(chip):
     chip.create_channel(period="20000000")
-    assert open_line(chip).write(b"3000000\n")
+    line = open_line(chip)
+    assert line.written == 0
+    assert line.write(b"3000000\n")
+    assert line.write(b"03000000\n")
 
 
 @pytest.mark.parametrize("name", ["pwm:", "pwm:0", "pwm:pwmchip0/0", "pwm:/sys/class/pwm/pwmchip0", "pwm:/x/1000"])
@@ -177,7 +183,7 @@ def test_invalid_names_are_refused(name):
 
 def test_missing_chip_is_explained(tmp_path):
     with pytest.raises(PortError, match="no such PWM chip; load its overlay"):
-        PwmLine(f"pwm:{tmp_path}/pwmchip3/0").open()
+        PwmLine(f"pwm:{tmp_path}/pwmchip3/999").open()
 
 
 def test_path_that_cannot_be_looked_up_does_not_end_the_loop():
