@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 
+from msgspec.structs import replace
+
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
@@ -15,6 +17,7 @@ from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.plans.items import Command, has_position
 from firmware_py.plans.problem import PlanProblem, PlanResult
+from firmware_py.plans.validation import item_problem
 
 KINDS = {int(kind): kind for kind in PlanKind}
 NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}
@@ -46,6 +49,14 @@ def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
     param1 = message.param1 - home_count if is_jump else message.param1
     params = (param1, message.param2, message.param3, message.param4)
     return PlanItem(message.command, message.frame, bool(message.autocontinue), params, x, y, message.z)
+
+
+def valid_item(message: Message, kind: PlanKind, index: int, home_count: int) -> PlanItem | PlanProblem:
+    """Return the item of a message if it is valid in a plan, or its first problem; `index` is its index in the plan."""
+    item = item_of(message, home_count)
+    if isinstance(item, PlanProblem):
+        return replace(item, index=index)
+    return item_problem(kind, index, item) or item
 
 
 def _to_int32(value: float, *, is_degrees: bool) -> int | None:

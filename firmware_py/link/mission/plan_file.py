@@ -11,8 +11,6 @@ import struct
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from msgspec.structs import replace
-
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.records import Severity
@@ -20,11 +18,11 @@ from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import PathParts
 from firmware_py.link.files.tree import Generate, Origin, Query, Sink
-from firmware_py.link.mission.items import home_item, item_message, item_of, new_plan_text
+from firmware_py.link.mission.items import home_item, item_message, new_plan_text, valid_item
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.worker import Worker
 from firmware_py.plans.problem import PlanProblem, PlanResult
-from firmware_py.plans.validation import item_problem, problem_of
+from firmware_py.plans.validation import problem_of
 
 PATHS: Mapping[PlanKind, PathParts] = {
     PlanKind.MISSION: ("@MISSION", "mission.dat"),
@@ -67,12 +65,10 @@ def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProble
         message = _ITEM(**dict(zip(_ITEM.ordered_fieldnames, fields, strict=True)))
         if message.seq != sequence:
             return PlanProblem(sequence - home_count, PlanResult.INVALID_SEQUENCE, f"is numbered {message.seq}")
-        item = item_of(message, home_count)
-        if not isinstance(item, PlanProblem):
-            items.append(item)
-            item = item_problem(kind, sequence - home_count, item) or item
+        item = valid_item(message, kind, sequence - home_count, home_count)
         if isinstance(item, PlanProblem):
-            return replace(item, index=sequence - home_count)
+            return item
+        items.append(item)
     plan = Plan.of(kind, items)
     return problem_of(plan) or plan
 

@@ -10,7 +10,6 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import msgspec
-from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, first_item_number
@@ -22,14 +21,14 @@ from firmware_py.link.mission.items import (
     DuplicateMessages,
     acknowledge,
     is_waypoint_for_home,
-    item_of,
     new_plan_text,
+    valid_item,
 )
 from firmware_py.link.peers import Peer, Station, station_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
 from firmware_py.plans.problem import PlanProblem, PlanResult
-from firmware_py.plans.validation import item_problem, problem_of
+from firmware_py.plans.validation import problem_of
 
 _MAX_RESULTS = 8
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
@@ -214,10 +213,7 @@ class PlanUploads:
             # Item 0 is the home of the station, as in ArduPilot: it is not part of the plan and not validated.
             upload.has_waypoint_for_home = is_waypoint_for_home(message, self._context.home)
             return _HOME
-        item = item_of(message, upload.home_count)
-        if isinstance(item, PlanProblem):
-            return replace(item, index=index)
-        return item_problem(upload.kind, index, item) or item
+        return valid_item(message, upload.kind, index, upload.home_count)
 
     def _request(self, upload: PlanUpload) -> None:
         make_message = (

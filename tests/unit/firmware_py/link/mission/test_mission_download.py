@@ -73,16 +73,26 @@ def test_current_item_is_marked(station):
     assert [item.current for item in station.download()] == [0, 0, 1, 0]
 
 
-@pytest.mark.parametrize("end", ["acknowledged", "silent"])
+@pytest.mark.parametrize("end", ["acknowledged", "silent", "sixteen others"])
 def test_plan_of_a_download_is_unchanged_until_its_end(station, end):
     station.upload(station.mission(2))
     station.request_list()
     station.handler.plans_kept = station.handler.plans_kept.replaced(Plan(PlanKind.MISSION))
+    system = station.rig.station.srcSystem
+    for other in range(15):
+        station.rig.station.srcSystem = 1 + other
+        station.request_list()
+    station.rig.station.srcSystem = system
+    station.rig.now_s += 14.9
     assert station.read(2).x == station.item(2).x
     if end == "acknowledged":
         station.rig.tell(mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
+    elif end == "silent":
+        station.rig.now_s += 15.0
     else:
-        station.rig.ticks(160)
+        station.rig.station.srcSystem = 100
+        station.request_list()
+        station.rig.station.srcSystem = system
     assert station.read(2).type == PlanResult.INVALID_SEQUENCE
 
 
@@ -162,8 +172,11 @@ def test_set_current_continues_with_an_item(make_station, identity, sequence, in
     assert len(current_reports(station, mission=ACTIVE)) == 1  # also without a change
 
 
-def test_refused_set_current_is_reported(station, texts):
-    station.handler.answer = Answer(Verdict.DENIED, "there is no item 7")
+@pytest.mark.parametrize(
+    ("reason", "text"), [("there is no item 7", "there is no item 7"), ("", "Mission item 8 refused")]
+)
+def test_refused_set_current_is_reported(station, texts, reason, text):
+    station.handler.answer = Answer(Verdict.DENIED, reason)
     replies = station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
-    assert texts(replies) == ["there is no item 7"]
+    assert texts(replies) == [text]
     assert len(current_reports(station)) == 1

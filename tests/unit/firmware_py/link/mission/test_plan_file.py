@@ -87,6 +87,8 @@ TWO = [ITEM(0, 0, number, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0,
         (encode(TWO)[:-1], "do not match 2"),
         (encode(TWO, count=2002), "at most"),
         (encode([TWO[0], TWO[0]]), "is numbered 0"),
+        (encode([TWO[0], ITEM(0, 0, 1, 6, 21, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0)]), "command 21 is not known"),
+        (encode([TWO[0], ITEM(0, 0, 1, 2, 177, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0)]), "param1 is home"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
