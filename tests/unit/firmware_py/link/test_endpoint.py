@@ -103,7 +103,7 @@ def test_losses_before_the_start_are_reported_to_every_later_peer(make_rig, text
 
 
 def test_events_per_tick_are_limited(rig, texts):
-    assert len(texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)]))) <= 16
+    assert texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)])) == list(map(str, range(16)))
 
 
 def test_own_messages_are_not_answered(rig):
@@ -117,12 +117,40 @@ def test_work_of_one_call_is_limited(rig, of):
     rig.transport.inbox.append(("station", ping * 500))
     rig.endpoint.service(0.0, [100])
     answered = len(of(rig.replies(), "PING"))
-    assert 1 <= answered <= 16
+    assert answered == 4
     assert rig.endpoint.busy
     while rig.endpoint.busy:
         rig.endpoint.service(0.0, [])
         answered += len(of(rig.replies(), "PING"))
     assert answered == 500
+
+
+@pytest.mark.parametrize(
+    ("address", "size", "count", "calls"),
+    [
+        ("station", 64, 20, 5),  # 256 bytes in a call
+        ("station", 1, 256, 1),
+        ("station", 1, 257, 2),
+        ("station", 320, 1, 1),
+        ("station", 321, 1, 2),
+        ("station", 255, 2, 1),
+        ("unknown", 1, 20, 5),  # as much work as 64 bytes
+        ("unknown", 321, 1, 1),
+    ],
+)
+def test_bytes_that_one_call_searches_are_limited(rig, address, size, count, calls):
+    rig.transport.inbox += [(address, bytes(size))] * count
+    rig.endpoint.service(0.0, [100])
+    assert 1 + rig.finish() == calls
+
+
+def test_notices_are_limited_to_four_and_then_one_in_thirty_seconds(rig, texts):
+    rig.tick()
+    for seconds, count in ((0.0, 4), (29.9, 0), (0.2, 1), (300.0, 4)):
+        rig.now_s += seconds
+        for _ in range(10):
+            rig.endpoint.notify("link is full", rig.now_s)
+        assert texts(rig.give(b"")) == ["link is full"] * count
 
 
 def test_publish_answers_queued_frames(rig, of):

@@ -78,7 +78,10 @@ def test_list_of_qgroundcontrol_starts_with_one(boat, of):
     assert joined(blocks(ask_data(boat, 3, 0, SIZES[5]))) == content_of(5)
 
 
-@pytest.mark.parametrize(("start", "end", "numbers"), [(1, 2, [1, 2]), (2, 0xFFFF, [2, 3]), (4, 9, []), (2, 1, [])])
+@pytest.mark.parametrize(
+    ("start", "end", "numbers"),
+    [(1, 2, [1, 2]), (2, 0xFFFF, [2, 3]), (4, 9, []), (2, 1, []), (0, 3, [0, 1, 2, 3]), (0, 4, [0, 1, 2]), (0, 0, [0])],
+)
 def test_part_of_the_list_is_sent(boat, of, start, end, numbers):
     assert list(entries(boat, of, start, end)) == numbers
 
@@ -108,7 +111,12 @@ def test_chunks_of_a_log_are_sent_at_once(boat, of):
 
 def test_request_of_a_whole_log_is_limited_per_tick(boat, of):
     entries(boat, of)
-    assert 0 < len(blocks(ask_data(boat, 2))) <= 256
+    for count, remaining in ((512 * 90, 256), (512 * 90 + 1, 256 - 44)):
+        assert len(blocks(ask_data(boat, 2, 0, count))) == -(-count // 90)
+        assert len(blocks(ask_data(boat, 2))) == remaining
+        assert blocks(boat.give(b"")) == {}
+        boat.tell(mavlink.MAVLink_log_request_end_message(1, 1))
+        boat.tick_silently()
 
 
 def test_requested_gaps_are_sent_again(boat, of):
@@ -142,6 +150,36 @@ def test_log_numbers_remain_valid_after_a_new_log(boat, disk, of):
     with (disk / "00000005.BIN").open("ab") as log:
         log.write(b"more")
     assert joined(blocks(ask_data(boat, 0))) == content_of(5)  # as large as it was listed
+
+
+def test_log_that_has_become_shorter_ends_with_an_empty_block(boat, disk, of):
+    entries(boat, of)
+    os.truncate(disk / "00000002.BIN", 90)
+    replies = of(ask_data(boat, 2, 0, 1000), "LOG_DATA")
+    assert [(one.ofs, one.count) for one in replies] == [(0, 90), (90, 0)]
+
+
+def test_long_list_is_sent_before_the_next_tick(stored, disk, of):
+    for number in range(10, 110):
+        (disk / f"{number:08d}.BIN").write_bytes(b"log")
+    rig, _ = stored()
+    found = entries(rig, of)
+    assert list(found) == list(range(103))
+    assert {(one.num_logs, one.last_log_num) for one in found.values()} == {(103, 102)}
+
+
+def test_sixty_four_gaps_are_queued(boat, of):
+    entries(boat, of)
+    boat.transport.is_writable = False
+    for number in range(100):
+        request = mavlink.MAVLink_log_request_data_message(1, 1, 2, 180 * number, 90)
+        boat.transport.inbox.append(("station", boat.frame(request)))
+    for _ in range(100):
+        boat.endpoint.service(boat.now_s, [boat.transport.descriptor])
+    boat.transport.is_writable = True
+    found = blocks(boat.give(b""))
+    assert list(found) == [180 * number for number in range(len(found))]
+    assert len(found) == 4 + 64
 
 
 def test_removed_log_ends_the_download(boat, disk, of):

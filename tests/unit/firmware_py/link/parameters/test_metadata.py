@@ -2,6 +2,7 @@
 
 import json
 import lzma
+import re
 
 import pytest
 
@@ -34,6 +35,8 @@ def test_compressed_files_have_the_same_content_and_a_crc32_check(files, name):
     decoder = lzma.LZMADecompressor()
     assert decoder.decompress(compressed) == files["metadata", f"{name}.json"]
     assert decoder.check == lzma.CHECK_CRC32
+    small = lzma.LZMADecompressor(memlimit=140_000)  # a dictionary of 64 KiB and the decoder
+    assert small.decompress(compressed) == files["metadata", f"{name}.json"]
     assert len(compressed) < 8192  # eight seconds at 9600 baud
 
 
@@ -49,7 +52,9 @@ def test_every_parameter_is_described(files):
         assert entry.get("readOnly", False) == row.read_only
         assert {item["value"]: item["description"] for item in entry.get("values", ())} == (row.choices or {})
         assert entry["group"] != "Other"
-        assert entry["shortDesc"]
+        assert entry["shortDesc"] == re.split(r":|;|\. |\.$", row.text)[0]
+        assert entry.get("volatile", False) == row.read_only
+        assert (entry["category"], entry["type"]) == ("Standard", "Int32" if row.kind is Kind.INTEGER else "Float")
         assert round(row.default, entry.get("decimalPlaces", 0)) == pytest.approx(row.default)
 
 
@@ -59,13 +64,17 @@ def test_checksums_match_the_served_files(rig, ftp_station, of):
     path = metadata.uri.decode().rstrip("\0").removeprefix("mftp://")
     general = client.get(path)
     assert mavlink_crc32(general) == metadata.file_crc
-    (entry,) = json.loads(lzma.decompress(general))["metadataTypes"]
+    content = json.loads(lzma.decompress(general))
+    (entry,) = content.pop("metadataTypes")
+    assert content == {"version": 1, "vendorName": "Rambler", "modelName": "Rambler", "firmwareVersion": "0.1.0"}
     parameters = client.get(entry["uri"].removeprefix("mftp://"))
     assert (entry["type"], mavlink_crc32(parameters)) == (1, entry["fileCrc"])
     assert lzma.decompress(parameters).decode() == parameter_json()
+    assert json.loads(parameter_json())["version"] == 3
     (information,) = of(rig.command(512, 395), "COMPONENT_INFORMATION")
     assert information.general_metadata_file_crc == metadata.file_crc
     assert information.general_metadata_uri == metadata.uri
+    assert (information.peripherals_metadata_file_crc, information.peripherals_metadata_uri.rstrip(b"\0")) == (0, b"")
 
 
 def test_files_are_reproducible(files):
@@ -82,10 +91,11 @@ def test_autopilot_type_generic_has_only_float_parameters():
 
 def test_decimals_show_four_digits_of_the_default(files):
     published = {row["name"]: row for row in json.loads(files["metadata", "parameter.json"])["parameters"]}
-    decimals_of_default = {100.0: 1, 20.0: 1, 10.0: 1, 5.0: 2, 1.0: 2, 0.5: 3, 0.1: 3, 0.05: 4}
+    decimals_of_size = {100.0: 1, 20.0: 1, 10.0: 1, 5.0: 2, 1.0: 2, 0.5: 3, 0.1: 3, 0.05: 4, 0.0: 2}
     compared = set()
     for row in TABLE:
-        if row.kind is Kind.REAL and row.default in decimals_of_default:
-            assert published[row.name]["decimalPlaces"] == decimals_of_default[row.default], row.name
-            compared.add(row.default)
-    assert 1.0 in compared
+        size = abs(row.default) or abs(row.minimum)
+        if row.kind is Kind.REAL and size in decimals_of_size:
+            assert published[row.name]["decimalPlaces"] == decimals_of_size[size], row.name
+            compared.add(size)
+    assert {0.0, 1.0, 100.0} <= compared

@@ -45,7 +45,9 @@ def test_mavproxy_decodes_the_defaults():
         ({"start": "3", "count": "4"}, (3, 7)),
         ({"start": "30"}, (30, len(TABLE))),
         ({"count": "2"}, (0, 2)),
-        ({"start": "9999"}, (0, 0)),
+        ({"start": "99999"}, (0, 0)),
+        ({"count": "100000"}, (0, len(TABLE))),
+        ({"count": "0"}, (0, 0)),
         ({"start": "-1", "count": "x", "more": "1"}, (0, len(TABLE))),
         ({"start": "³"}, (0, len(TABLE))),
     ],
@@ -70,9 +72,13 @@ def encode(values, kinds=None, header=None):
     return struct.pack("<HHH", *(header or (0x671B, len(values), 6 + len(body)))) + body
 
 
-def test_upload_of_mavproxy_is_decoded():
-    values = {"CTL_K1": 41.5, "CTL_K2": 1.0, "LOG_KEEP_MB": 5000.0}
-    assert unpack(encode(values)) == values
+@pytest.mark.parametrize("kinds", [None, (1, "b"), (2, "h"), (3, "i"), (4, "f")])
+def test_upload_of_mavproxy_is_decoded(kinds):
+    values = {"CTL_K1": 41.0 if kinds else 41.5, "CTL_K2": 1.0, "LOG_KEEP_MB": 100.0 if kinds else 5000.0}
+    content = encode(values, kinds)
+    assert unpack(content) == values
+    padded = struct.pack("<HHH", 0x671B, 3, len(content) + 5) + b"\0\0" + content[6:] + b"\0\0\0"
+    assert unpack(padded) == values
 
 
 @pytest.mark.parametrize(

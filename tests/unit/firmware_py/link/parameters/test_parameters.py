@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.link.wire.outbox import Priority
 from support.link import without_unrequested
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
@@ -134,7 +135,7 @@ def test_change_is_confirmed_after_storing(rig, of, texts, is_stored):
 
 
 @pytest.mark.parametrize(
-    ("value", "kind"), [(struct.pack("<f", 41.0), 9), (struct.pack("<d", 41.0), 10), (b"\x29", 1), (b"\x29\0\0\0", 6)]
+    ("value", "kind"), [(struct.pack(f"<{layout}", 41), kind) for kind, layout in enumerate("BbHhIiQqfd", 1)]
 )
 @pytest.mark.parametrize(("is_stored", "result"), [(True, ACCEPTED), (False, FAILED)])
 def test_extended_change_is_acknowledged_after_storing(rig, of, value, kind, is_stored, result):
@@ -273,6 +274,34 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig):
 
 
 # ---------------------------------------------------------------------- slow links
+
+
+@pytest.mark.parametrize(("byte_rate", "queued"), [(960.0, 8), (None, 64)])
+def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued):
+    rig = make_rig(byte_rate=byte_rate)
+    rig.tick()
+    rig.transport.is_writable = False
+    rig.transport.inbox.append(("station", rig.frame(LIST)))
+    for _ in range(20):
+        rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+    (peer,) = rig.endpoint._peers
+    assert peer.outbox.queued_count(Priority.REPLY) == queued
+    rig.transport.is_writable = True
+    rig.endpoint.service(rig.now_s, [])
+    assert rig.endpoint.busy is (byte_rate is None)
+
+
+@pytest.mark.parametrize(("name", "kind"), [(b"LNK_SYSID", 6), (b"CTL_K1", 9)])
+def test_change_of_an_unproven_peer_is_sent_to_it_and_to_the_others(make_rig, of, name, kind):
+    rig = make_rig()
+    rig.tick()
+    message = set_message(name, 7.0, kind)
+    rig.transport.inbox.append(("new", rig.frame(message)))
+    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+    sent = list(rig.transport.sent)
+    for address in ("station", "new"):
+        rig.transport.sent = list(sent)
+        assert [value.param_value for value in of(without_unrequested(rig.replies(address)), "PARAM_VALUE")] == [7.0]
 
 
 @pytest.mark.parametrize(("byte_rate", "is_complete"), [(960.0, True), (120.0, False)])
