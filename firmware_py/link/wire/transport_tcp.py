@@ -251,7 +251,7 @@ class TcpClient:
 
     def _connect(self, now_s: float) -> None:
         if self._connecting is None:
-            self._server = self._next_address(), self._server[1]
+            self._server = self._next_server()
             self._connecting = _new_socket()
             self._next_attempt_s = now_s + RECONNECT_S
         error_number = self._connecting.connect_ex(self._server)
@@ -264,8 +264,10 @@ class TcpClient:
             self._connecting = None
             self._lookup.start(now_s)
 
-    def _next_address(self) -> str:
-        """Return the address of the host name that follows the present one, in rotation."""
-        present = self._server[0]
+    def _next_server(self) -> tuple[str, int]:
+        """Return the address of the host name that follows the present one, in rotation, and the port."""
+        present, port = self._server
         addresses = self._lookup.addresses or (present,)
-        return addresses[(addresses.index(present) + 1) % len(addresses)] if present in addresses else addresses[0]
+        # The position of an address that is no longer there is -1, so that the first one follows.
+        position = addresses.index(present) if present in addresses else -1
+        return addresses[(position + 1) % len(addresses)], port

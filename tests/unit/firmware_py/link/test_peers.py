@@ -154,6 +154,22 @@ def test_reply_of_an_unproven_peer_proves_it(is_satellite, sent_bytes):
     assert peer.outbox.is_mavlink1_only is (not is_satellite and sent_bytes > 0)
 
 
+def test_requests_of_a_peer_that_moves_are_copied():
+    old, new = (Peer(MemoryTransport(), address, UnsignedSealer(), 0.0) for address in ("old", "new"))
+    old.ground_station_s, old.is_introduced, old.parameter_list_row = 5.0, True, 7
+    names = (
+        "streams",
+        "ground_station_s",
+        "is_introduced",
+        "parameter_list_row",
+        "parameter_rows_due",
+        "extended_rows_due",
+    )
+    new.copy_requests(old)
+    for name in names:
+        assert getattr(new, name) is getattr(old, name)
+
+
 def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):
     for number in range(MAX_ACTIVE_PEERS):
         open_rig.now_s += 1.0

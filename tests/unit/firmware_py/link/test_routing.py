@@ -205,6 +205,8 @@ def test_target_address_equals_that_of_pymavlink():
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0) if system else 0
         assert routing._target(Frame(number, bytes(message.get_msgbuf()))) == (system, component), kind.msgname
+        targets = [payload[offset] for offset in routing._target_offsets(kind)]
+        assert (*targets, 0, 0)[:2] == (system, component), kind.msgname
 
 
 def _frame(number, payload, seed):

@@ -276,13 +276,17 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig):
 # ---------------------------------------------------------------------- slow links
 
 
+READ_ALL = [read_message(b"", row) for row in range(len(TABLE))]
+
+
 @pytest.mark.parametrize(("byte_rate", "queued"), [(960.0, 8), (None, 64)])
-def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued):
+@pytest.mark.parametrize("requests", [[LIST], READ_ALL])
+def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued, requests):
     rig = make_rig(byte_rate=byte_rate)
     rig.tick()
     rig.transport.is_writable = False
-    rig.transport.inbox.append(("station", rig.frame(LIST)))
-    for _ in range(20):
+    rig.transport.inbox += [("station", rig.frame(request)) for request in requests]
+    for _ in range(20 + len(requests) // 4):
         rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     (peer,) = rig.endpoint._peers
     assert peer.outbox.queued_count(Priority.REPLY) == queued

@@ -64,6 +64,16 @@ def test_number_of_jobs_is_limited(worker):
     assert worker.submit(gate.wait, results.append)
 
 
+def test_queued_jobs_are_finished_at_the_end(worker):
+    done = []
+    for number in range(32):
+        worker.submit(lambda number=number: done.append((number, sum(range(50_000)))), print)
+    worker.close()
+    assert [number for number, _ in done] == list(range(32))
+    assert (worker.fileno(), worker.progress()) == (-1, ())
+    worker.close()
+
+
 def test_without_thread_a_job_is_executed_at_once():
     results = []
     worker = Worker(background=False)
