@@ -16,6 +16,8 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 
+from hil.errors import UsageError
+
 _MAX_INPUT_BYTES = 4095  # that Linux buffers for a reader of a raw terminal (N_TTY_BUF_SIZE - 1)
 _READ_SIZE = 65_536
 _TIMEOUT_S = 2.0
@@ -34,7 +36,7 @@ class PtyLine:
     """
 
     def __init__(self, link_path: Path) -> None:
-        """Plug in at link_path; raise FileExistsError if another file than a symlink exists there."""
+        """Plug in at link_path; errors as of plug()."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
@@ -55,12 +57,19 @@ class PtyLine:
         return self._master
 
     def plug(self) -> None:
-        """Create a pty behind the symlink, replacing a stale one; no effect if it is plugged."""
+        """Create a pty behind the symlink, replacing a stale one; no effect if it is plugged.
+
+        Raise FileExistsError if another file exists there, UsageError if the system has no pty.
+        """
         if self.is_plugged:
             return
         if self._link.exists() and not self._link.is_symlink():
             raise FileExistsError(f"{self._link} exists and is not a symlink; remove it")
-        self._master, self._slave = os.openpty()
+        try:
+            self._master, self._slave = os.openpty()
+        except OSError as error:
+            text = f"no pseudo-terminal: {error.strerror}; mount /dev/pts, or end programs that hold pseudo-terminals"
+            raise UsageError(text) from error
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self._arrivals = select.poll()

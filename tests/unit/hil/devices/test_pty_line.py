@@ -1,4 +1,5 @@
 import contextlib
+import errno
 import fcntl
 import os
 import random
@@ -10,6 +11,7 @@ import serial
 from firmware_py.system.serial_port import SerialPort
 from hil.devices import pty_line
 from hil.devices.pty_line import PtyLine
+from hil.errors import UsageError
 
 
 @pytest.fixture
@@ -169,3 +171,12 @@ def test_stale_link_is_replaced_and_other_file_is_kept(tmp_path):
     with pytest.raises(FileExistsError):
         PtyLine(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_missing_pseudo_terminals_are_named_with_the_remedy(tmp_path, monkeypatch):
+    def fail():
+        raise OSError(errno.ENODEV, "No such device")
+
+    monkeypatch.setattr("os.openpty", fail)
+    with pytest.raises(UsageError, match=r"no pseudo-terminal: No such device; mount /dev/pts"):
+        PtyLine(tmp_path / "compass")
