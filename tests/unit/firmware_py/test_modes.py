@@ -142,7 +142,9 @@ def test_dead_reckoning_position_is_sufficient():
 
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.LOITER, Mode.AUTO, Mode.RTL, Mode.GUIDED])
 def test_mode_is_refused_with_the_missing_requirement(mode):
-    assert accept(ModeState(Mode.HOLD), SetMode(mode)).mode is mode
+    entered = accept(ModeState(Mode.HOLD, goal=HeadingGoal(3.0)), SetMode(mode))
+    goal = HeadingGoal(1.0) if mode in (Mode.STEERING, Mode.GUIDED) else None
+    assert (entered.mode, entered.goal) == (mode, goal)
     for reason, missing in MISSING.items():
         situation = replace(NORMAL, **missing)
         if reason in REQUIREMENTS.get(mode, []):

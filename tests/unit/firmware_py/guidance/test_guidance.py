@@ -93,6 +93,9 @@ def test_return_task_keeps_its_destination_without_a_position():
     assert state.task == replace(destination, station_radius_m=SETTINGS.tasks.station_radius_m)
     for t_s, motion, present_home in ((102.0, None, home), (103.0, None, None), (104.0, MOTION, None)):
         assert task_at(t_s, state, motion, present_home).task == state.task
+    moved = Place(*placed(0.0, 200.0))
+    new_home = Home(moved.latitude_rad, moved.longitude_rad, 0.0)
+    assert task_at(105.0, state, MOTION, new_home).task == replace(state.task, place=moved)
 
 
 def test_mission_starts_with_arming():

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.reports import Activity
@@ -49,8 +50,36 @@ def test_boat_returns_straight_from_outside(simulated_boat, origin):
     while boat.distance_m() > 100.0:
         boat.step(task)
         assert boat.t_s < 3000.0
+    assert not boat.follower.arrived
     assert not boat.step(task).heading_target.over_ground
+    assert boat.follower.arrived
     assert start_m / boat.t_s > 0.2
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "turning_radius_m", "north_m"),
+    [(100.0, 15.6, 60.91), (40.0, 5.0, 22.10), (20.0, 3.0, 6.09)],
+)
+@pytest.mark.parametrize(("off_m", "is_kept"), [(-0.1, True), (0.1, False)])
+def test_leg_ends_where_a_turn_back_after_10_s_would_leave_the_margin(
+    origin, task_settings, radius_m, turning_radius_m, north_m, off_m, is_kept
+):
+    """The margin is a tenth of the radius, at least 6 m and at most a quarter; the turn is at 0.7 of the full rate."""
+    settings = replace(task_settings, turning_radius_m=turning_radius_m)
+    north_m += off_m
+    motion = VesselMotion(origin.at_offset(north_m, 0.0), 0.0, 0.4, 0.0, 0.0)
+    state, _ = station_keeping.update(
+        settings, StationKeepingState(0.0), HoldStation(origin, radius_m), motion, north_m
+    )
+    assert (state.way_rad == 0.0) is is_kept
+
+
+@pytest.mark.parametrize(("heading_rad", "is_kept"), [(0.34, False), (0.36, True), (-0.34, False), (-0.36, True)])
+def test_leg_is_kept_during_the_turn_to_it(origin, task_settings, heading_rad, is_kept):
+    motion = VesselMotion(origin.at_offset(80.0, 0.0), heading_rad, 0.4, 0.0, 0.0)
+    task = HoldStation(origin, 100.0)
+    state, _ = station_keeping.update(task_settings, StationKeepingState(0.0), task, motion, 80.0)
+    assert (state.way_rad == 0.0) is is_kept
 
 
 @pytest.mark.parametrize("leeway_deg", [0.0, 8.0, -8.0])

@@ -101,6 +101,54 @@ def test_vessel_ahead_is_near_although_other_courses_lead_away_from_it():
     assert state.near
 
 
+@pytest.mark.parametrize(
+    ("own_m_s", "north_m", "east_m", "is_near"),
+    [
+        ((0.0, 0.0), 109.0, 0.0, True),
+        ((0.0, 0.0), 111.0, 0.0, False),  # passed at 1.1 near distances of 100 m
+        ((0.4, 0.0), 150.0, 299.0, True),
+        ((0.4, 0.0), 150.0, 301.0, False),  # clear at 3 near distances, although it is still ahead
+        ((0.4, 0.0), -109.0, 0.0, True),
+        ((0.4, 0.0), -111.0, 0.0, False),
+    ],
+)
+def test_vessel_is_clear_beyond_multiples_of_its_near_distance(own_m_s, north_m, east_m, is_near):
+    own = OwnMotion(HERE.place, own_m_s)
+    state, _ = update(TrafficState(), 0.0, position(1, 0.0, 50.0, 0.0, 0.0), own=own)
+    assert state.near
+    state, _ = update(state, 2.0, position(1, 2.0, north_m, east_m, 0.0), own=own)
+    assert state.near is is_near
+
+
+@pytest.mark.parametrize(("now_s", "is_checked"), [(101.9, False), (102.0, True), (99.9, True)])
+def test_table_is_checked_every_two_seconds(now_s, is_checked):
+    state, _ = update(TrafficState(), 100.0, position(1, 100.0, 3000.0, 0.0))
+    assert (update(state, now_s)[0].checked_s == now_s) is is_checked
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "moved_m", "delay_s", "is_echo"),
+    [(39.0, 51.0, 2.0, True), (41.0, 51.0, 2.0, False), (39.0, 49.0, 2.0, False), (39.0, 51.0, 2.1, False)],
+)
+def test_vessel_that_moves_by_50_m_within_40_m_of_the_boat_is_its_echo(distance_m, moved_m, delay_s, is_echo):
+    state = TrafficState()
+    for t_s, north_m in ((0.0, 0.0), (100.0, moved_m)):
+        own = OwnMotion(Place(*placed(north_m, 0.0)), (0.5, 0.0))
+        state, _ = update(state, t_s + delay_s, position(1, t_s, north_m, distance_m, 0.5, 0.0), own=own)
+    assert state.vessels[0].own is is_echo
+
+
+@pytest.mark.parametrize(("distance_m", "is_added"), [(209_000.0, True), (211_000.0, False)])
+def test_vessel_that_arrives_earlier_replaces_one_in_a_full_table(distance_m, is_added):
+    """The boat approaches with 0.5 m/s: a vessel at rest in a distance of 10 km arrives after 20,000 s."""
+    table = [position(1, 0.0, 10_000.0, 0.0, 0.0), *(position(n, 0.0, 9000.0, 0.0, 5.0) for n in range(2, 101))]
+    state, _ = update(TrafficState(), 0.0, *table)
+    state, _ = update(state, 0.1, position(999, 0.1, distance_m, 0.0, 10.0))
+    assert any(vessel.mmsi == 999 for vessel in state.vessels) is is_added
+    assert any(vessel.mmsi == 1 for vessel in state.vessels) is not is_added
+    assert state.rejected == 1
+
+
 def test_vessel_without_speed_or_course_does_not_move():
     report = VesselPosition(0.0, 1, VesselKind.CLASS_B, *placed(80.0, 0.0))
     state, texts = update(TrafficState(), 0.0, report)
@@ -183,7 +231,7 @@ def test_full_table_keeps_the_vessels_that_could_arrive_first():
 
 
 def test_several_near_vessels_are_reported_in_order_of_approach():
-    ships = [position(number, 0.0, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
+    ships = [position(number, 0.0, 500.0 + 100.0 * number, 0.0) for number in range(59, 0, -1)]
     state, texts = update(TrafficState(), 0.0, *ships)
     assert [text[:14] for text in texts] == ["MMSI 000000001"]
     assert update(state, 4.9)[1] == []
@@ -306,9 +354,13 @@ def test_beacons_are_reported_one_after_the_other_and_after_a_ship():
 def test_beacon_without_position_is_reported():
     state, texts = update(TrafficState(), 0.0, VesselIdentity(0.0, BEACON), own=None)
     assert texts == [f"Distress beacon {BEACON}: no position yet"]
-    for t_s in range(1, 600):
-        state, texts = update(state, float(t_s), VesselIdentity(float(t_s), BEACON), own=None)
-        assert texts == []
+    assert update(state, 4.9, VesselIdentity(4.9, BEACON + 1), own=None)[1] == []
+    assert update(state, 5.0, VesselIdentity(5.0, BEACON + 1), own=None)[1] == [
+        f"Distress beacon {BEACON + 1}: no position yet"
+    ]
+    for t_s in (1.0, 5.0, 599.9):
+        assert update(state, t_s, VesselIdentity(t_s, BEACON), own=None)[1] == []
+    assert len(update(state, 600.0, VesselIdentity(600.0, BEACON), own=None)[1]) == 1
     state, texts = update(state, 600.0, beacon(600.0), own=None)
     latitude_deg, longitude_deg = (math.degrees(angle) for angle in placed(400.0, 0.0))
     assert texts == [f"Distress beacon {BEACON}: at {latitude_deg:.4f}, {longitude_deg:.4f}"]

@@ -38,13 +38,16 @@ def test_supply_is_unknown_without_samples():
     [
         pytest.param(
             [charger()],
-            {"voltage_v": 13.0, "solar_w": 26.0, "current_a": None, "load_w": None, "charge": None},
+            {"voltage_v": 13.0, "solar_w": 26.0, "current_a": None, "load_w": None, "charge": None, "battery_w": None},
             id="charger alone: no battery current and no load",
         ),
         pytest.param(
             [charger(current_a=-0.1, load_a=0.4, solar_w=4.0)],
             {"current_a": -0.1, "load_w": 5.2, "solar_w": 3.9, "battery_w": -1.3},
             id="charger with load output",
+        ),
+        pytest.param(
+            [monitor(voltage_v=None)], {"voltage_v": None, "current_a": 0.5, "battery_w": None}, id="no voltage"
         ),
         pytest.param([charger(current_a=None)], {"voltage_v": 13.0, "solar_w": 40.0}, id="charger without a current"),
         pytest.param(
