@@ -63,6 +63,14 @@ def test_heading_near_a_fence_is_to_the_other_side():
         assert math.degrees(state.heading_rad) > 180.0
 
 
+@pytest.mark.parametrize(("near_s", "in_s"), [(None, 900.0), (0.0, None), (0.0, 0.0)])
+@pytest.mark.parametrize(("east_m", "is_clear"), [(51.25, True), (51.15, False)])
+def test_track_of_a_minute_stays_30_m_clear_of_the_fence(east_m, is_clear, near_s, in_s):
+    """On 60 deg the boat is 20.8 m nearer to the fence after 60 s; the last leg is 6 m long."""
+    state, _ = run_round(ship(6000.0, -50.0, near_s=near_s, in_s=in_s), fence=fence_to(east_m))
+    assert (math.degrees(state.heading_rad) == pytest.approx(60.0)) is is_clear
+
+
 def test_no_better_heading_is_reported_once():
     corners = [(-2000.0, -60.0), (9000.0, -60.0), (9000.0, 60.0), (-2000.0, 60.0)]
     lane = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, 4) for corner in corners])

@@ -10,7 +10,7 @@ from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.reports import Home
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput, GuidanceSettings, GuidanceState
-from firmware_py.guidance.tasks import GoTo, VesselMotion
+from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 from support.plans import FENCE_ITEMS, item, mission, placed
 
@@ -34,6 +34,16 @@ def run(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - fro
         if state.updated_s == t_s:
             update_times_s.append(t_s)
     return update_times_s, state
+
+
+@pytest.mark.parametrize(
+    ("ability_1_s", "speed_m_s", "limit_deg", "radius_m"),
+    [(0.05, 0.4, 30.0, 15.279), (20.0, 0.05, 60.0, 1.0), (0.0001, 5.0, 1.0, 1000.0)],
+)
+def test_turning_radius_is_that_at_full_rudder_from_1_to_1000_m(ability_1_s, speed_m_s, limit_deg, radius_m):
+    values = ParameterSet().replaced("MDL_K", ability_1_s).replaced("MDL_SPEED", speed_m_s)
+    settings = TaskSettings.of(values.replaced("RUD_LIMIT_DEG", limit_deg))
+    assert settings.turning_radius_m == pytest.approx(radius_m, abs=1e-3)
 
 
 def test_guidance_is_updated_twice_a_second_and_at_each_fix():
