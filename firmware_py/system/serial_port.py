@@ -207,7 +207,7 @@ class SerialPort:
         if len(self._unsent) + len(data) > MAX_UNSENT_BYTES:
             # The line may be free again.
             self._unsent = self._write_now(self._unsent)
-        if self._fd < 0 or len(self._unsent) + len(data) > MAX_UNSENT_BYTES:
+        if len(self._unsent) + len(data) > MAX_UNSENT_BYTES:
             return False
         self._unsent = self._write_now(self._unsent + data if self._unsent else data)
         return self._fd >= 0

@@ -90,8 +90,9 @@ def finish_import(directory: Path) -> str:
                 content = import_.content(name)
                 if content is None:
                     writer.clear(name)
-                for _ in range(0 if content is None else 1 + is_secret(name)):  # a secret is written to both slots
-                    writer.write(name, content or b"")
+                else:
+                    for _ in range(1 + is_secret(name)):  # a secret is written to both slots
+                        writer.write(name, content)
                 writer.set_aside(name)
         finally:
             writer.close()

@@ -31,7 +31,7 @@ def make_full_directory(path):
 
 def make_large_file(path):
     path.touch()
-    os.truncate(path, 3 << 30)
+    os.truncate(path, (64 << 20) + 1)
 
 
 def make_socket(path):

@@ -9,6 +9,7 @@ import termios
 from pathlib import Path
 
 import pytest
+import serial
 
 from firmware_py.system.port_users import find_port_users
 from firmware_py.system.serial_port import PortError, SerialPort
@@ -113,7 +114,15 @@ def test_an_empty_terminal_is_neither_polled_nor_read(line, cable, monkeypatch):
     assert not reads
     os.write(cable.master, b"now")
     assert read_all(line, 3) == b"now"
-    assert len(reads) == 1
+    assert [count for _, count in reads] == [4096]
+
+
+def test_the_device_is_looked_up_after_sixteen_empty_reads(line, monkeypatch):
+    checks = []
+    monkeypatch.setattr(termios, "tcgetattr", checks.append)
+    counts = [(line.read(), len(checks))[1] for _ in range(33)]
+    assert counts == [0] * 15 + [1] * 16 + [2] * 2
+    assert line.connected
 
 
 def test_a_port_without_epoll_is_an_error_and_is_closed(cable, monkeypatch):
@@ -137,10 +146,10 @@ def test_a_port_that_reappears_is_opened_again(line, cable):
     line.reopen(10.0)
     assert not line.connected
     cable.plug()
-    line.reopen(10.5)  # less than a second after the last attempt
+    line.reopen(10.9)  # less than a second after the last attempt
     assert not line.connected
-    line.reopen(11.1)
-    assert (line.connected, line.openings) == (True, 2)
+    line.reopen(11.0)
+    assert (line.connected, line.openings, line.written) == (True, 2, 0)
     os.write(cable.master, b"again")
     assert read_all(line, 5) == b"again"
 
@@ -165,6 +174,14 @@ def test_a_path_that_leads_to_another_device_is_opened_again(line, cable, tmp_pa
     assert read_all(line, 4) == b"here"
 
 
+def test_a_port_that_is_missing_at_the_start_is_opened_by_the_first_attempt(cable):
+    port = SerialPort(str(cable.path), 38400)
+    assert (port.connected, port.openings, port.written, port.fileno()) == (False, 0, 0, -1)
+    port.reopen(0.0)
+    assert (port.name, port.baud, port.connected, port.openings) == (str(cable.path), 38400, True, 1)
+    port.close()
+
+
 def test_a_silent_line_without_a_limit_is_not_opened_again(line):
     read_and_reopen(line, 10 * MAX_EMPTY_READS)
     assert line.openings == 1
@@ -184,18 +201,18 @@ def change_settings(cable):
 
 def test_settings_changed_by_another_program_are_restored_and_reported_every_ten_minutes(line, cable):
     assert line.reopen(10.0) == ""
-    settings = change_settings(cable)
+    settings, port = change_settings(cable), line._port
     os.write(cable.master, b"no line end")
     assert line.reopen(10.5) == ""  # less than a second after the last check
     assert line.reopen(11.0) == f"Port {cable.path}: changed by another program, restored"
     assert termios.tcgetattr(cable.slave) == settings
     assert read_all(line, 11) == b"no line end"
-    assert line.openings == 1
+    assert (line.openings, line._port) == (1, port)
     change_settings(cable)
-    assert line.reopen(12.0) == ""
+    assert line.reopen(610.0) == ""
     assert termios.tcgetattr(cable.slave) == settings
     change_settings(cable)
-    assert line.reopen(612.0)
+    assert line.reopen(611.0)
 
 
 def test_a_port_whose_settings_cannot_be_restored_is_opened_again(line, cable, monkeypatch):
@@ -231,6 +248,17 @@ def test_a_silent_port_is_opened_again_after_increasing_times(impatient_line, ca
     assert read_all(line, 4) == b"here"
     reopen_until(100, 112)
     assert opened_at_s == [10, 30, 70, 110]
+
+
+def test_a_silent_port_is_opened_again_at_least_every_five_minutes(cable):
+    line, opened_at_s = SerialPort(str(cable.path), 38400, silent_s=200.0), []
+    line.open()
+    for now_s in range(900):
+        port = line._port
+        line.reopen(float(now_s))
+        opened_at_s.extend([now_s] if line._port is not port else [])
+    assert opened_at_s == [200, 500, 800]
+    line.close()
 
 
 def test_a_silent_port_that_disappears_is_a_new_line_afterwards(impatient_line, cable):
@@ -294,7 +322,7 @@ def test_a_full_line_refuses_whole_messages_and_keeps_their_order(line, cable):
     while line.write(message := b"%06d." % number):
         sent += message
         number += 1
-        assert len(sent) < 10_000_000
+        assert len(sent) < 100_000
     assert 0 < len(line._unsent) <= MAX_UNSENT_BYTES
     os.set_blocking(cable.master, True)
     received = os.read(cable.master, 4096)
@@ -303,6 +331,22 @@ def test_a_full_line_refuses_whole_messages_and_keeps_their_order(line, cable):
     while len(received) < len(sent):
         received += os.read(cable.master, 4096)
     assert received == sent
+
+
+def test_bytes_that_the_kernel_does_not_accept_are_kept_up_to_4096(line, monkeypatch):
+    def refuse(*_arguments):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "write", refuse)
+        assert not line.write(bytes(4097))
+        assert line.write(bytes(4000))
+        assert not line.write(bytes(97))
+        assert line.write(bytes(96))
+        assert not line.write(b"x")
+        assert (line.connected, line.written) == (True, 0)
+    assert line.write(b"")
+    assert 0 < line.written == 4096 - len(line._unsent)
 
 
 def test_a_full_line_recovers_also_for_a_large_message(line, cable):
@@ -325,3 +369,27 @@ def test_a_port_that_cannot_be_opened_is_an_error_with_the_reason(line, tmp_path
     (tmp_path / "file").write_text("")
     with pytest.raises(PortError, match=reason):
         SerialPort(str(tmp_path / name), 9600).open()
+
+
+@pytest.mark.parametrize(
+    ("error", "name", "reason"),
+    [
+        (serial.SerialException(errno.EBUSY, "busy"), "port", "in use by another program"),
+        (serial.SerialException("Could not exclusively lock port"), "port", "in use by another program"),
+        (serial.SerialException(errno.ENOENT, "gone"), "port", "no such port"),
+        (serial.SerialException(errno.EIO, "gone"), "none", "no such port"),
+        (serial.SerialException(errno.EACCES, "no"), "port", "permission denied; add the user to the dialout group"),
+        (OSError(errno.EPERM, "no"), "port", "permission denied; add the user to the dialout group"),
+        (ValueError("x" * 81 + "\ny"), "port", f"cannot be opened as a serial port: {'x' * 80}$"),
+    ],
+)
+def test_each_error_of_a_port_has_its_reason(cable, monkeypatch, error, name, reason):
+    def fail(*_arguments, **_options):
+        raise error
+
+    monkeypatch.setattr(serial, "Serial", fail)
+    port = SerialPort(str(cable.path.with_name(name)), 9600)
+    with pytest.raises(PortError, match=reason):
+        port.open()
+    assert port.reopen(1.0) == ""
+    assert not port.connected

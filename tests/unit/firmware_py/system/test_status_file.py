@@ -48,6 +48,16 @@ def give_away(*paths):
         os.chown(path, OTHER_UID, OTHER_UID)
 
 
+def test_name_of_the_file_is_the_same_for_all_versions():
+    assert file_name(Path("/")) == "rambler-status-8a5edab282632443.json"  # SHA-256 of the path
+
+
+@pytest.mark.parametrize(("size", "freshness"), [(1 << 18, Freshness.RUNNING), ((1 << 18) + 1, Freshness.ABSENT)])
+def test_status_is_read_up_to_its_size_limit(memory, state, size, freshness):
+    StatusFile(state, (memory,)).write(content(state).ljust(size))
+    assert find_status(state, NOW_S, (memory,)).freshness is freshness
+
+
 def test_memory_is_distinguished_from_other_file_systems():
     assert is_in_memory(Path("/dev/shm"))
     assert not is_in_memory(Path("/proc"))
@@ -122,6 +132,7 @@ def test_a_symbolic_link_is_not_followed(memory, state, tmp_path):
 @pytest.mark.parametrize(
     ("age_s", "changes", "reason"),
     [
+        *((age_s, {}, "") for age_s in (MAX_AGE_S, -MAX_AGE_S)),
         *((age_s, {}, "hangs or is stopped") for age_s in (MAX_AGE_S + 0.1, -MAX_AGE_S - 0.1, 1e9)),
         *((0.0, {"pid": pid}, "has ended") for pid in (2**22 + 5, 2**40)),
     ],
@@ -129,8 +140,9 @@ def test_a_symbolic_link_is_not_followed(memory, state, tmp_path):
 def test_a_status_that_is_old_or_of_an_ended_process_is_stale(memory, state, age_s, changes, reason):
     StatusFile(state, (memory,)).write(content(state, **changes))
     status = find_status(state, NOW_S + age_s, (memory,))
-    assert (status.freshness, status.content["mode"]) == (Freshness.STALE, "HOLD")
+    assert (status.freshness, status.content["mode"]) == (Freshness.STALE if reason else Freshness.RUNNING, "HOLD")
     assert reason in status.reason
+    assert bool(reason) == bool(status.reason)
 
 
 @pytest.mark.parametrize(

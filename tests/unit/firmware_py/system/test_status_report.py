@@ -344,6 +344,9 @@ def test_rates_are_means_of_ten_seconds_and_the_link_is_not_listed_as_a_device(b
     for second in range(11, 40):
         compass, storage = boat.status(float(second))["devices"]
         assert compass["rate_hz"] == 20.0
+    boat.samples_per_status = 0
+    rates_hz = [boat.status(float(second))["devices"][0]["rate_hz"] for second in range(40, 50)]
+    assert rates_hz == [18.0, 16.0, 14.0, 12.0, 10.0, 8.0, 6.0, 4.0, 2.0, 0.0]
     assert (storage["state"], storage["error"], storage["rate_hz"]) == ("faulty", "log: disk full", None)
 
 
@@ -369,9 +372,9 @@ def test_the_age_of_the_heading_counts_from_the_last_sample_used(boat):
 
 
 def test_the_status_is_written_every_second(boat):
-    for tick in range(100):
+    for tick in range(200):
         boat.status(10.0 + 0.1 * tick)
-    assert len(boat.file.written) == 10
+    assert len(boat.file.written) == 20
 
 
 def test_numbers_that_are_not_finite_are_null(boat):

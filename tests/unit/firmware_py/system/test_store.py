@@ -67,6 +67,10 @@ def test_saved_content_is_on_disk(store, directory):
     assert is_stored(store, "a", "b")
     assert b"\none" in (directory / "a.0").read_bytes()
     assert (store.load("a"), store.load("b")) == (b"one", b"\x00binary\xff")
+    assert store.examine("a") == Stored(b"one")  # the other slot is written by the second version
+    assert save(store, "a", b"two")
+    (directory / "a.0").unlink()
+    assert store.examine("a") == Stored(b"two", "a.0 is missing")
 
 
 def slot_with(directory, content):
@@ -121,9 +125,42 @@ def test_a_failure_is_reported_and_the_next_save_succeeds(store, monkeypatch):
     with monkeypatch.context() as patches:
         patches.setattr(os, "pwrite", fail)
         assert not save(store, "a", b"one")
-    assert "a cannot be stored" in store.failure
+    assert store.failure == "a cannot be stored: No space left on device"
     assert save(store, "a", b"two")
     assert store.load("a") == b"two"
+
+
+def test_a_failed_save_is_repeated_after_a_pause(store, monkeypatch, no_pause):
+    pwrite, failures = os.pwrite, [errno.ENOSPC, errno.EIO]
+
+    def fail_twice(*arguments):
+        if failures:
+            raise OSError(failures.pop(), "failed")
+        return pwrite(*arguments)
+
+    monkeypatch.setattr(os, "pwrite", fail_twice)
+    store.save("a", b"one")
+    wait_for(store, lambda: store.load("a") == b"one" and not store.failure)
+
+
+def test_both_slots_are_written_on_request_also_if_a_newer_version_replaces_it(store, directory, monkeypatch):
+    """The second and third versions are queued while the first is being written."""
+    store.save("a", b"one", both_slots=True)
+    assert is_stored(store)
+    assert slot_contents(directory) == {b"one"}
+    is_queued, fdatasync = threading.Event(), os.fdatasync
+    monkeypatch.setattr(os, "fdatasync", lambda descriptor: (is_queued.wait(), fdatasync(descriptor)))
+    store.save("b", b"first")
+    while store._jobs:
+        os.sched_yield()
+    store.save("a", b"two", both_slots=True)
+    store.save("a", b"three")
+    is_queued.set()
+    assert is_stored(store, "a", "b")
+    assert slot_contents(directory) == {b"three"}
+    store.save("a", b"other")
+    assert is_stored(store)
+    assert slot_contents(directory) == {b"three", b"other"}
 
 
 def test_a_second_autopilot_and_an_impossible_directory_are_refused(store, directory, tmp_path):
@@ -220,6 +257,23 @@ def test_a_directory_in_place_of_the_lock_file_is_renamed_and_another_autopilot_
     Store(directory).close()
 
 
+@pytest.mark.parametrize("has_directory", [True, False])
+def test_without_its_lock_file_a_directory_is_used_only_with_wait(directory, monkeypatch, has_directory):
+    def fail(*_arguments, **_options):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    directory.mkdir()
+    monkeypatch.setattr("firmware_py.system.directory_lock.open_regular", fail)
+    if not has_directory:
+        monkeypatch.setattr("firmware_py.system.directory_lock.DirectoryLock._open_directory", fail)
+    with pytest.raises(StoreError, match="Read-only file system; choose another with --state"):
+        Store(directory)
+    store = Store(directory, wait=True)
+    assert "Read-only file system" in store.start_problem
+    assert save(store, "a", b"1") is has_directory
+    store.close()
+
+
 def test_earlier_versions_which_lock_only_the_file_are_excluded(directory):
     store = Store(directory)
     with (directory / "lock").open("w") as file, pytest.raises(BlockingIOError):
@@ -277,9 +331,13 @@ def test_an_invalid_slot_is_not_read_and_is_renamed_by_the_next_version(make, pr
     assert outside_content is None or outside.read_bytes() == outside_content
 
 
-def test_content_larger_than_a_slot_is_not_stored(store):
-    assert not save(store, "a.key", b"k" * (64 << 10))
+@pytest.mark.parametrize(("name", "slot_bytes"), [("a.key", 1 << 16), ("a.plan", 1 << 22), ("a.record", 1 << 20)])
+def test_content_larger_than_a_slot_is_not_stored(store, name, slot_bytes):
+    head_bytes = len(f"# rambler state 1 {slot_bytes} 00000000\n") - (len(str(slot_bytes)) - len(str(slot_bytes - 99)))
+    assert not save(store, name, bytes(slot_bytes - head_bytes + 1))
     assert "too large" in store.failure
+    assert save(store, name, bytes(slot_bytes - head_bytes))
+    assert len(store.load(name)) == slot_bytes - head_bytes
 
 
 def test_close_completes_the_requested_saves(directory):

@@ -1,0 +1,64 @@
+"""Exports of the state: round trip, damaged heads, and limits of their parts."""
+
+import hashlib
+import json
+
+import pytest
+
+from firmware_py.system.state_export import BrokenExportError, Export, pack, unpack
+
+EXPORT = Export({"a.param": "CTL_K1 3 \u00e9\n".encode(), "b.record": b"\x00\xff", "c.plan": None}, {"boat": "x"})
+
+
+def export_of(files, about=None, *, number=2, length=None):
+    body = json.dumps({"about": about or {}, "files": files}).encode()
+    size = len(body) if length is None else length
+    return f"# rambler exported state {number} {size} {hashlib.sha256(body).hexdigest()}\n".encode() + body
+
+
+def refusal(data):
+    with pytest.raises(BrokenExportError) as error:
+        unpack(data)
+    return str(error.value)
+
+
+def test_export_is_read_back():
+    assert pack(EXPORT).startswith(b"# rambler exported state 2 ")
+    assert unpack(pack(EXPORT)) == EXPORT
+    assert [EXPORT.content(name) for name in ("b.record", "c.plan", "none")] == [b"\x00\xff", None, None]
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (export_of({}, number=1), "has format 1, this version reads 2; export that state with this version"),
+        (export_of({}, number=3), "has format 3, this version reads 2; use a newer version"),
+        (export_of({}, length=3), "is damaged"),
+        (export_of({}) + b"\n", "is damaged"),
+        (export_of({}).replace(b"about", b"abouT"), "is damaged"),
+        (b"# rambler exported state x", "is damaged"),
+        (b"text", "is not an exported state of rambler"),
+        (
+            export_of({"x" * 33 + ".plan": ""}),
+            f"is not an exported state of rambler: '{'x' * 33}.plan' is not a valid name",
+        ),
+        (export_of({"x" * 50: ""}), f"is not an exported state of rambler: '{'x' * 40}' is not a valid name"),
+        (export_of({"a.record": "*"}), "is not an exported state of rambler: Only base64 data is allowed"),
+    ],
+)
+def test_damaged_or_other_file_is_refused(data, text):
+    assert refusal(data) == text
+
+
+@pytest.mark.parametrize(("name", "slot_bytes"), [("a.key", 1 << 16), ("a.plan", 1 << 22), ("a.param", 1 << 20)])
+def test_content_must_fit_into_a_slot_with_its_head(name, slot_bytes):
+    content = "x" * (slot_bytes - 64)
+    assert unpack(export_of({name: content})).files == {name: content.encode()}
+    assert refusal(export_of({name: content + "x"})).endswith(f"{name} is larger than {slot_bytes >> 10} KiB")
+
+
+def test_description_and_texts_of_errors_are_limited():
+    about = {f"{number}{'k' * 200}": "v" * 201 for number in range(9)}
+    expected = {f"{number}{'k' * 199}": "v" * 200 for number in range(8)}
+    assert unpack(export_of({}, about)).about == expected
+    assert len(refusal(export_of({"a.param": ["x" * 300]})).partition(": ")[2]) <= 200
