@@ -77,7 +77,7 @@ _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
 def heartbeat(context: TelemetryContext) -> Message:
     """Build HEARTBEAT."""
     snapshot = context.snapshot
-    base_mode = _CUSTOM_MODE_FLAG | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED_FLAG if snapshot.armed else 0)
+    base_mode = _CUSTOM_MODE_FLAG | _BASE_MODES[snapshot.mode] | (_ARMED_FLAG if snapshot.armed else 0)
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_SURFACE_BOAT, context.autopilot, base_mode, int(snapshot.mode), _system_status(snapshot), 3
     )
@@ -101,7 +101,7 @@ def current_mode(context: TelemetryContext) -> Message:
     """Build CURRENT_MODE; the intended mode is the latest accepted request."""
     mode = int(context.snapshot.mode)
     intended = mode if context.intended_mode is None else context.intended_mode
-    return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, StandardMode.NONE), mode, intended)
+    return mavlink.mavlink_map[436](_STANDARD_MODES[mode], mode, intended)
 
 
 def mode_of_standard(standard: int) -> int | None:

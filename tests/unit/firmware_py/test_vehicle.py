@@ -120,7 +120,7 @@ def test_parameters_are_also_read_from_their_own_file(write, tmp_path):
             r"port: driver volz needs a serial port",
         ),
         ('driver = "volz"', 'driver = "pwm"', r"\[rudder\] port: driver pwm needs a PWM output, as pwm:/sys"),
-        ('urls = ["udpout:127.0.0.1:14550"]', "urls = 5", r"\[link\] urls"),
+        *(('urls = ["udpout:127.0.0.1:14550"]', f"urls = {urls}", r"\[link\] urls") for urls in ("5", "[5]", '[""]')),
         ('name = "Ocean Rambler"', "name = 5", r"\[vehicle\] name"),
         ('[vehicle]\nname = "Ocean Rambler"', "vehicle = 5", "must be a section"),
         ("[vehicle]", "[vehicle", "not valid TOML"),
