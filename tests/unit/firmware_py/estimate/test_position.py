@@ -186,8 +186,8 @@ def test_prediction_needs_a_position_and_moves_in_both_directions():
     assert moved == replace(state, t_s=20.0, latitude_rad=place.latitude_rad, longitude_rad=place.longitude_rad)
     for unchanged, now_s in ((state, 10.0), (state, 9.0), (PositionState(), 5.0)):
         assert predict(unchanged, now_s, (0.5, 0.5)) is unchanged
-    reckoned = PositionState(dead_reckoning=DEAD_RECKONING, latitude_rad=0.6)
-    assert north_m(predict(reckoned, 10.0, (0.5, 0.0))) == pytest.approx(5.0)
+    state = PositionState(dead_reckoning=DEAD_RECKONING, latitude_rad=0.6)
+    assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0)
 
 
 def test_time_since_the_fix_and_utc():
