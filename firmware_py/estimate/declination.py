@@ -96,8 +96,9 @@ def _legendre(sine: float, cosine: float) -> tuple[list[list[float]], list[list[
                 d[n][n] = factor * (cosine * d[n - 1][n - 1] - sine * p[n - 1][n - 1])
                 continue
             root = math.sqrt(float(n * n - m * m))
-            older_root = math.sqrt(float((n - 1) ** 2 - m * m)) if n >= 2 and m <= n - 2 else 0.0
-            older_p, older_d = (p[n - 2][m], d[n - 2][m]) if n >= 2 else (0.0, 0.0)
+            # 0 for m = n - 1, where there is no function of degree n - 2.
+            older_root = math.sqrt(float((n - 1) ** 2 - m * m))
+            older_p, older_d = p[n - 2][m], d[n - 2][m]
             p[n][m] = ((2.0 * n - 1.0) * sine * p[n - 1][m] - older_root * older_p) / root
             sum_d = (2.0 * n - 1.0) * (sine * d[n - 1][m] + cosine * p[n - 1][m])
             d[n][m] = (sum_d - older_root * older_d) / root

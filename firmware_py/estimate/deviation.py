@@ -23,8 +23,8 @@ def read_deviation(parameters: ParameterSet, prefix: str) -> Deviation:
 
 def deviation_rad(deviation: Deviation, heading_rad: float) -> float:
     """Return the angle that, added to a compass heading, gives the magnetic heading."""
-    a, b, c, d, e = deviation
-    if a == b == c == d == e == 0.0:
+    if not any(deviation):
         return 0.0
+    a, b, c, d, e = deviation
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     return a + b * sine + c * cosine + 2.0 * d * sine * cosine + e * (cosine * cosine - sine * sine)

@@ -76,3 +76,34 @@ def test_first_heading_and_impossible_rudder_keep_the_state_finite(rudder_rad):
     first = heading_filter.begin(1.0, 2.0)
     test = delay_test.update(DelayTest(), heading_filter.not_started(), first, OCEAN_RAMBLER, rudder_rad, 2.0)
     assert test == delay_test.with_motion(DelayTest(), first.motion)
+
+
+@pytest.mark.parametrize(
+    ("age_s", "rudder_rad", "is_compared"),
+    [(60.0, 0.3, True), (59.9, 0.3, False), (600.0, 3.14, True), (600.0, 3.15, False), (600.0, -3.15, False)],
+)
+def test_rudder_passes_three_lags_of_4_s_before_it_turns_the_delayed_filter(age_s, rudder_rad, is_compared):
+    previous = heading_filter.begin(100.0, 1.0)._replace(levels=LEVELS, begun_s=101.0 - age_s)
+    updated = heading_filter.update(previous, OCEAN_RAMBLER, 101.0, 1.01, rudder_rad)
+    motion = previous.motion._replace(heading_rad=0.5, yaw_rate_rad_s=0.02)
+    test = DelayTest(motion, 0.1, -0.2, 0.25, 3.0)
+    result = delay_test.update(test, previous, updated, OCEAN_RAMBLER, rudder_rad, 1.01)
+    decay, lags = math.exp(-1.0 / 4.0), (0.1, -0.2, 0.25)
+    if abs(rudder_rad) > 3.14:
+        assert result == test._replace(motion=updated.motion)
+        return
+    inputs = (rudder_rad, 0.1, -0.2)
+    expected = [source + decay * (lag - source) for source, lag in zip(inputs, lags, strict=True)]
+    assert result[1:4] == pytest.approx(expected)
+    assert delay_test.begin_tick(result) == result._replace(log_ratio=0.0)
+    predicted = heading_model.predict(motion, LEVELS, OCEAN_RAMBLER, expected[2], 1.0)
+    corrected, innovation_rad, variance = heading_model.correct(predicted, LEVELS, 1.01)
+    if not is_compared:
+        assert (result.motion, result.log_ratio) == (updated.motion, 3.0)
+        return
+    assert result.motion == pytest.approx(corrected)
+    ratio = heading_model.log_likelihood(innovation_rad, variance)
+    ratio -= heading_model.log_likelihood(updated.innovation_rad, updated.innovation_sd_rad**2)
+    assert result.log_ratio == pytest.approx(3.0 + ratio)
+    assert abs(ratio) > 0.1
+    assert delay_test.update(result, previous, previous, OCEAN_RAMBLER, 0.1, 1.0) is result

@@ -233,3 +233,9 @@ def test_filter_agrees_with_the_plain_filter():
     assert min(state.log_noise) == pytest.approx(2.0 * math.log(0.003))
     assert len(legs) > 20
     assert state.x[7] < 0.1
+
+
+@pytest.mark.parametrize("changes", [{"x": (math.nan, *(0.1,) * 7)}, {"p": (-1e-3 * np.eye(8)).tobytes()}])
+def test_impossible_state_restarts_the_filter(changes):
+    state = replace(sail_minute(), **changes)
+    assert sail_minute(state, start_s=2000.0) == START

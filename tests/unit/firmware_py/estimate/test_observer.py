@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
+from firmware_py.estimate import fixed_gain
 from firmware_py.estimate.observer import HeadingState, ObserverSettings, correct, predict, update
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
@@ -77,3 +78,22 @@ def test_samples_that_are_not_finite_are_ignored(t_s, heading_rad):
 def test_two_samples_at_the_same_time_give_a_finite_yaw_rate():
     state = update(SETTINGS, HeadingState(), [sample(0.0, 1.0), sample(0.0, 1.5)], 0.0, 0.1)
     assert math.isfinite(state.yaw_rate_rad_s)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_update_predicts_with_the_rudder_and_corrects_with_the_time_since_the_last_sample(late_s):
+    settings = replace(SETTINGS, tau_s=2.0, timeout_s=1.0)
+    state = HeadingState(10.2 + late_s, 1.0, 0.02, 10.0)
+    measured = replace(sample(10.3, 1.05), roll_rad=0.1, pitch_rad=0.2)
+    heading_rad, rate_rad_s = fixed_gain.predict(
+        1.0, 0.02, 0.3, 0.1 - late_s, math.exp((late_s - 0.1) / 4.0), 0.049, 4.0
+    )
+    limit_rad_s = 10.0 * 0.049 * math.radians(30.0) + math.radians(5.0)
+    expected = fixed_gain.correct(heading_rad, rate_rad_s, 1.05, 0.3, math.exp(-0.15), limit_rad_s)
+    result = correct(settings, state, measured, 0.3)
+    assert (result.heading_rad, result.yaw_rate_rad_s) == pytest.approx(expected)
+    assert (result.t_s, result.sample_t_s, result.roll_rad, result.pitch_rad) == (10.3, 10.3, 0.1, 0.2)
+    later = update(settings, state, [measured], 0.3, 10.5)
+    assert later == predict(settings, result, 10.5, 0.3)
+    assert update(settings, result, [], 0.3, 11.4) is result  # the time-out has passed
+    assert predict(settings, result, 10.3, 0.3) is result

@@ -39,18 +39,19 @@ def voyage_reports(seconds, moved_m_s=(0.4, 0.0), interval_s=1.0, without_course
 
 
 @pytest.mark.parametrize("interval_s", [1.0, 5.0])
-@pytest.mark.parametrize("moved_m_s", [(1.2, 0.0), (-0.4, 0.0), (0.4, 0.8)])
+@pytest.mark.parametrize("moved_m_s", [(1.2, 0.0), (-0.4, 0.0), (0.4, 0.8), (0.91, 0.0)])
 def test_position_that_drifts_from_its_velocity_is_reported_after_4_min_and_10_min_later(moved_m_s, interval_s):
     reports = voyage_reports(1000.0, moved_m_s, interval_s)
-    assert reports == [(240.0, DISAGREEMENT), (840.0, DISAGREEMENT)]
+    text = DISAGREEMENT.replace("0.8", f"{math.dist(moved_m_s, (0.4, 0.0)):.1f}")
+    assert reports == [(240.0, text), (840.0, text)]
 
 
 @pytest.mark.parametrize(
     ("moved_m_s", "interval_s", "without_course"),
     [
         pytest.param((0.4, 0.0), 1.0, (), id="equal"),
-        pytest.param((0.8, 0.0), 1.0, (), id="within the errors of receivers"),
-        pytest.param((1.2, 0.0), 6.0, (), id="rare fixes"),
+        pytest.param((0.89, 0.0), 1.0, (), id="within the errors of receivers"),
+        pytest.param((1.2, 0.0), 5.1, (), id="rare fixes"),
         pytest.param((1.2, 0.0), 1.0, range(0, 3000, 100), id="fixes without a course"),
     ],
 )
@@ -97,3 +98,21 @@ def test_constant_position_with_a_velocity_is_stuck_and_reported_at_once():
 @pytest.mark.parametrize(("speed_m_s", "is_turning"), [(0.0, False), (0.4, True)], ids=["slow", "to and fro in waves"])
 def test_constant_position_of_a_boat_that_does_not_move_away_is_not_stuck(speed_m_s, is_turning):
     assert constant_position(299, speed_m_s, is_turning=is_turning)[:2] == (False, [])
+
+
+def test_way_at_a_constant_position_is_that_of_fixes_with_a_velocity_and_at_most_5_s_each():
+    fixes = [
+        fix(t_s, 5.0, speed, 0.5) for t_s, speed in ((0.0, 0.4), (2.0, 0.4), (22.0, 0.4), (21.0, 0.4), (23.0, None))
+    ]
+    state, _ = update_all([*fixes, fix(24.0, 5.0, 0.4, 0.5), fix(25.0, 5.0, 0.2, 0.5)])
+    way_m = (2.0 + 5.0) * 0.4 + 1.0 * 0.2
+    assert (state.still_north_m, state.still_east_m) == pytest.approx((way_m * math.cos(0.5), way_m * math.sin(0.5)))
+
+
+def test_velocity_is_integrated_by_the_mean_of_two_fixes():
+    """A velocity that alternates between 0 and 1 m/s, with a position that moves at 0.5 m/s."""
+    fixes = [fix(t_s, 0.5 * t_s, t_s % 2.0, 0.0) for t_s in map(float, range(1000))]
+    state, reports = update_all(fixes)
+    assert reports == []
+    assert state.north_m == pytest.approx(0.5 * (999.0 - state.begun.t_s))
+    assert state.begun.t_s == 960.0

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
-from firmware_py.estimate import water, water_filter
+from firmware_py.estimate import water, water_filter, water_results
 from firmware_py.model.crab import heading_for_course
 from firmware_py.model.kt import OCEAN_RAMBLER
 
@@ -230,3 +230,102 @@ def test_model_uses_the_expected_speed_until_the_estimate_is_certain(sd_m_s, spe
     filter_ = water_filter.begin(0.0, 0.0, 0.0, 0.05, sd_m_s, 0.0, 0.0, 0.3, 0.0, 0.1)
     state = water.initial_state(0.0, 0.0, 0.5)._replace(fix_t_s=0.0, filter=filter_)
     assert speeds_m_s[0] < water.model_speed(water.update(state, 1.0)) < speeds_m_s[1]
+
+
+TRACK = (0.6, math.pi - 1e-4)  # near the date line
+
+
+def moved(north_m, east_m):
+    """Return the coordinates at an offset from TRACK, by the mid-latitude."""
+    latitude_rad = 0.6 + north_m / 6371000.0
+    return latitude_rad, wrap_pi(TRACK[1] + east_m / (6371000.0 * math.cos(0.5 * (0.6 + latitude_rad))))
+
+
+@pytest.mark.parametrize(
+    ("north_m", "east_m", "is_moved"),
+    [(4990, 4990, False), (-4990, -4990, False), (5010, 0, True), (-5010, 0, True), (0, 5010, True), (0, -5010, True)],
+)
+def test_origin_moves_to_a_boat_5_km_away_on_an_axis(north_m, east_m, is_moved):
+    state, _, _ = water.take_position(water.initial_state(0.1, 0.2, 0.5), 100.0, *TRACK)
+    state = state._replace(stretch=water.Stretch(104.0, 3.0, 4.0, 1.0, 2.0, 3.0))
+    f = state.filter
+    moved_state, *result = water.take_position(state, 102.0, *moved(north_m, east_m))
+    assert (moved_state.fix_t_s, moved_state.origin) == (102.0, moved(north_m, east_m) if is_moved else TRACK)
+    assert all(map(math.isnan, result))
+    expected = (f.means[0, 5] - north_m, f.means[0, 6] - east_m) if is_moved else (f.means[0, 5], f.means[0, 6])
+    assert tuple(moved_state.filter.means[0, 5:]) == pytest.approx(expected, abs=0.01)
+    # Without a stretch in progress another one begins.
+    assert moved_state.stretch.t_s == 102.0
+    assert moved_state.stretch[1:3] == pytest.approx((0.0, 0.0) if is_moved else (north_m, east_m), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "begins", "gives_heading"),
+    [(9.9, False, False), (10.0, True, True), (30.0, True, True), (30.1, True, False), (-0.1, True, False)],
+)
+def test_track_of_10_to_30_s_gives_the_heading_at_its_end(duration_s, begins, gives_heading):
+    """The heading at the end is 2.0 rad, that of the mean vector 1.5 rad."""
+    state, _, _ = water.take_position(water.initial_state(0.1, -0.2, 0.5), 70.0, *TRACK)
+    stretch = water.Stretch(100.0 - duration_s, 20.0, -10.0, 2.0, 9.0 * math.cos(1.5), 9.0 * math.sin(1.5))
+    way_m = (duration_s * (0.1 + 0.5 * math.cos(0.4)), duration_s * (-0.2 + 0.5 * math.sin(0.4)))
+    place = moved(20.0 + way_m[0], -10.0 + way_m[1])
+    taken, heading_rad, sd_rad = water.take_position(state._replace(stretch=stretch), 100.0, *place)
+    if gives_heading:
+        expected = water_results.heading_from_track(taken.filter, 100.0, *way_m, duration_s)
+        assert (wrap_pi(heading_rad), sd_rad) == pytest.approx((wrap_pi(expected[0] + 0.5), expected[1]), rel=1e-3)
+    else:
+        assert math.isnan(heading_rad)
+    if begins:
+        assert taken.stretch == pytest.approx((100.0, 20.0 + way_m[0], -10.0 + way_m[1], 2.0, 0.0, 0.0), abs=0.01)
+    else:
+        assert taken.stretch == stretch
+
+
+def test_stretch_sums_the_estimated_headings_of_any_source():
+    state, _, _ = water.take_position(water.initial_state(0.1, -0.2, 0.5), 70.0, *TRACK)
+    for is_compass_used in (True, False):
+        state = water.take_heading(state, 1.2, is_compass_used, 0.5)
+    vector = (math.cos(1.2), math.sin(1.2))
+    assert state.stretch[3:] == pytest.approx((1.2, *vector))
+    assert state.filter[1:4] == pytest.approx((0.5 * vector[0], 0.5 * vector[1], 0.5))
+
+
+@pytest.mark.parametrize(("step_s", "gain"), [(3.0, 0.1), (60.0, 1.0), (-1.0, 0.0)])
+@pytest.mark.parametrize("off_sds", [0.5, -0.5, 3.0, -3.0])
+def test_slow_values_follow_within_30_s_and_a_standard_deviation(step_s, gain, off_sds):
+    f = water_filter.begin(100.0, 0.0, 0.0, 0.5, 0.05, 0.3, -0.2, 0.04, 0.0, 0.1)
+    estimate = water_filter.water_at(f, 100.0)
+    means = (0.3, -0.2, 0.5)
+    sds = (math.sqrt(estimate.covariance[0]), math.sqrt(estimate.covariance[4]), estimate.mean_speed_sd_m_s)
+    slow = water.Expected(*(mean + off_sds * sd for mean, sd in zip(means, sds, strict=True)))
+    state = water.initial_state(0.0, 0.0, 0.5)._replace(fix_t_s=100.0, filter=f, slow=slow, slow_t_s=100.0 - step_s)
+    updated = water.update(state, 100.0)
+    shift = (1.0 - gain) * off_sds
+    limited = max(-1.0, min(1.0, shift))
+    assert updated.slow == pytest.approx(tuple(mean + limited * sd for mean, sd in zip(means, sds, strict=True)))
+    assert updated.slow_t_s == 100.0
+
+
+@pytest.mark.parametrize(("sd_m_s", "share"), [(0.05, 0.5), (0.1, 0.2), (0.0, 1.0)])
+def test_speed_of_the_model_is_the_mean_weighted_with_a_standard_deviation_of_5_cm_s(sd_m_s, share):
+    f = water_filter.begin(0.0, 0.0, 0.0, 0.4, sd_m_s, 0.0, 0.0, 0.3, 0.03, 0.1)
+    state = water.initial_state(0.0, 0.0, 0.5)._replace(filter=f, slow=water.Expected(0.1, 0.2, 0.8), slow_t_s=0.0)
+    assert water.model_speed(state) == pytest.approx(0.5 + 0.3 * share)
+    assert water.guidance_values(state) == pytest.approx((0.1, 0.2, 0.8, math.atan2(0.03, 0.4)))
+    assert water.speed_sd(state) == pytest.approx(math.hypot(sd_m_s, 0.03))
+
+
+def test_first_position_has_the_expected_values_and_their_standard_deviations():
+    state, heading_rad, sd_rad = water.take_position(water.initial_state(0.1, -0.2, 0.6), 7.0, *TRACK)
+    assert math.isnan(heading_rad + sd_rad)
+    assert (state.fix_t_s, state.origin, state.filter.t_s) == (7.0, TRACK, 7.0)
+    assert tuple(state.filter.means[0]) == pytest.approx((0.0, 0.6, 0.0, 0.1, -0.2, 0.0, 0.0))
+    sds = (0.1, 0.3, 0.1, 0.3, 0.3, 0.3, 0.3)
+    assert tuple(state.filter.covariances[0].diagonal()) == pytest.approx(tuple(sd * sd for sd in sds))
+
+
+def test_leeway_of_a_slow_boat_is_that_at_2_cm_s():
+    f = water_filter.begin(0.0, 0.0, 0.0, 0.01, 0.1, 0.0, 0.0, 0.3, 0.03, 0.1)
+    state = water.initial_state(0.0, 0.0, 0.5)._replace(fix_t_s=0.0, filter=f)
+    updated = water.update(state, 1.0)
+    assert water.guidance_values(updated)[2:] == pytest.approx((0.02, math.atan2(0.03, 0.02)))

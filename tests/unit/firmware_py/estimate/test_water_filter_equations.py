@@ -177,6 +177,7 @@ def test_impossible_positions_and_times_are_ignored():
     for heading_rad, step_s in ((math.nan, 1.0), (math.inf, 1.0), (1.0, 0.0), (1.0, -1.0), (1.0, 86400.0)):
         assert take_heading(state, heading_rad, step_s) is state
     assert take_heading(state, 1.0, 86399.0).known_s == 86399.0
+    assert all(map(math.isnan, water_filter.mean_heading(state, 0.0)))
 
 
 def test_determinant_of_the_innovation_stays_positive():
