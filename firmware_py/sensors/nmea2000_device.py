@@ -40,7 +40,6 @@ class Nmea2000Device(SensorDriver[SampleT]):
         if self._monitor.notice_reopening():
             self._reader.restart()
             self._source = None
-            self._forget(now_s)
         for message in self._reader.read(now_s):
             try:
                 self._handle_message(message, now_s)

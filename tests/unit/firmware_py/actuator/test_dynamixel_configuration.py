@@ -6,6 +6,7 @@ from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel import DynamixelOptions, DynamixelServo
 from firmware_py.actuator.dynamixel_configuration import Kind, Request, RestartCounter, read_request
 from firmware_py.actuator.dynamixel_readings import Readings
+from firmware_py.common.records import DeviceState
 
 TORQUE, WATCHDOG = "torque enable", "bus watchdog"
 
@@ -40,6 +41,15 @@ def test_failed_optional_correction_is_repeated_every_thirty_seconds(corrections
     servo.ignored_addresses.add(98)
     assert corrections(1.0) == ["return delay", WATCHDOG, WATCHDOG, WATCHDOG, TORQUE]
     assert [corrections(now_s) for now_s in times_s] == expected
+
+
+def test_failed_corrections_begin_again_on_a_reopened_line(conversation, corrections, servo):
+    servo.ignored_addresses |= {64, 98}
+    for now_s in (1.0, 1.5):
+        assert corrections(now_s)[-6:] == [WATCHDOG] * 3 + [TORQUE] * 3
+        assert conversation.servo.condition(has_replied=True)[0] is DeviceState.FAULTY
+        conversation.servo.restart()
+        assert conversation.servo.condition(has_replied=True) == (DeviceState.STARTING, "model 1170, firmware 47")
 
 
 @pytest.mark.parametrize(

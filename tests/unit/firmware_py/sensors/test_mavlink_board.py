@@ -102,13 +102,15 @@ def test_two_boards_with_alternating_heartbeats_and_many_ghosts_do_not_prevent_t
 
 
 def test_selection_is_repeated_after_reopening(rig, board):
+    first, second = board.heartbeat(), board.heartbeat()
     rig.select(board)
+    rig.receive(0.5, first[:8])
     rig.line.unplug()
     assert rig.receive(1.0) == []
     rig.line.plug()
-    assert kinds(rig.receive(2.0, Board(5).heartbeat(), board.attitude())) == ["HEARTBEAT"]
+    assert kinds(rig.receive(2.0, first[8:], second, board.attitude())) == ["HEARTBEAT"]
     assert rig.frames == []
-    assert requested(rig.receive(2.5, Board(5).heartbeat())) == BOTH
+    assert requested(rig.receive(2.5, board.heartbeat())) == BOTH
 
 
 def test_heartbeat_once_a_second_with_the_system_id_of_the_board(rig):

@@ -128,10 +128,11 @@ def test_second_source_takes_over_after_silence_without_values_of_the_first(deli
     assert deliver(compass, heading(10.0), now_s=5.1) == ()
 
 
-def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, compass):
+@pytest.mark.parametrize("source", [0x23, 0x24])
+def test_values_from_before_the_line_was_reopened_are_not_used(deliver, line, compass, source):
     deliver(compass, heading(10.0, n2k.TRUE) * 3, rate(5.0), attitude(1.0, 1.0), now_s=1.0)
     line.plug()
-    (sample,) = deliver(compass, heading(20.0), now_s=1.1)
+    (sample,) = deliver(compass, heading(20.0, source=source), now_s=1.1)
     assert (degrees([sample]), sample.yaw_rate_rad_s, sample.roll_rad) == ([20.0], None, None)
 
 

@@ -113,6 +113,20 @@ def test_error_of_the_charger_is_a_fault_until_it_ends(deliver, device):
     assert device.health(1.0).state is DeviceState.RUNNING
 
 
+def test_fault_and_incomplete_block_end_when_the_line_is_reopened(line, deliver, device):
+    deliver(device, block(V="12000", ERR="17") + MONITOR[:30])
+    line.plug()
+    assert len(deliver(device, MONITOR[30:] + HISTORY + MONITOR)) == 1
+    line.plug()
+    deliver(device, block(V="12000", ERR="17"))
+    line.plug()
+    deliver(device, HISTORY)
+    assert device.health(1.0).state is DeviceState.RUNNING
+    line.plug()
+    deliver(device, b"noise")
+    assert device.health(1.0).text == "data not understood: wrong baud rate?"
+
+
 @pytest.mark.parametrize(
     ("fields", "text"),
     [({"Alarm": "ON", "AR": "1"}, "alarm, reason code 1"), ({"Alarm": "On", "AR": "2"}, "alarm, reason code 2"),
