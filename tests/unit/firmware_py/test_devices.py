@@ -17,6 +17,9 @@ ROLES = {
     "rudder": DeviceRole.RUDDER,
     "wind": DeviceRole.WIND,
     "depth": DeviceRole.DEPTH,
+    "rudder_angle": DeviceRole.RUDDER_ANGLE,
+    "power": DeviceRole.POWER,
+    "ais": DeviceRole.AIS,
 }
 # Section, driver, option, default, and the limits of a number.
 OPTIONS = """
@@ -86,11 +89,14 @@ def closed_line():
 @pytest.mark.parametrize(("section", "name"), [(section, name) for section in ROLES for name in SECTIONS[section]])
 def test_drivers_are_created_with_their_defaults_and_wait_for_the_port(section, name):
     driver = SECTIONS[section][name]
-    device = driver.make(closed_line(), driver.options())
+    line = closed_line()
+    device = driver.make(line, driver.options())
     device.receive(0.0)
     health = device.health(0.0)
     assert (health.role, health.state) == (ROLES[section], DeviceState.ABSENT)
-    assert list(device.poll()) == []
+    assert (list(device.poll()), device.fileno()) == ([], -1)
+    line.plug()
+    assert device.fileno() == (-1 if section == "ais" else 7)  # AIS data do not wake the loop
 
 
 @pytest.mark.parametrize("row", OPTIONS.strip().splitlines())

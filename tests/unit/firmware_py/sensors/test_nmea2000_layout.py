@@ -124,7 +124,7 @@ def test_short_message_is_an_error_and_omitted_last_fields_are_none():
         (b"ANNA    ", "ANNA"),
         (b"ANNA\x00\xff\xff\xff", "ANNA"),
         (b"\xff" * 8, ""),
-        (b"A\x1bN\x80A\x7f", "A?N?A?"),
+        (b"A \x1fN\x80~\x7f", "A ?N?~?"),
     ],
 )
 def test_texts_are_printable_and_end_at_their_filling(raw, expected):
