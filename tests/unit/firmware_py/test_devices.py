@@ -6,8 +6,33 @@ import sys
 
 import pytest
 
+from firmware_py.actuator.dynamixel import DynamixelOptions
+from firmware_py.actuator.feetech import FeetechOptions
+from firmware_py.actuator.maestro import MaestroOptions
+from firmware_py.actuator.pulse import PulseOptions
+from firmware_py.actuator.volz import VolzOptions
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode, find_capture
+from firmware_py.sensors.ais import AisOptions
+from firmware_py.sensors.bno08x_rvc import Bno08xRvcOptions
+from firmware_py.sensors.mavlink_board import MavlinkOptions
+from firmware_py.sensors.mavlink_compass import MavlinkCompassOptions
+from firmware_py.sensors.mavlink_position import MavlinkPositionOptions
+from firmware_py.sensors.mavlink_power import MavlinkPowerOptions
+from firmware_py.sensors.mti import MtiOptions
+from firmware_py.sensors.nmea2000_ais import Nmea2000AisOptions
+from firmware_py.sensors.nmea2000_depth import Nmea2000DepthOptions
+from firmware_py.sensors.nmea2000_reader import Nmea2000Options
+from firmware_py.sensors.nmea2000_rudder import Nmea2000RudderOptions
+from firmware_py.sensors.nmea2000_wind import Nmea2000WindOptions
+from firmware_py.sensors.nmea_compass import NmeaCompassOptions
+from firmware_py.sensors.nmea_depth import NmeaDepthOptions
+from firmware_py.sensors.nmea_position import NmeaPositionOptions
+from firmware_py.sensors.nmea_rudder import NmeaRudderOptions
+from firmware_py.sensors.nmea_wind import NmeaWindOptions
+from firmware_py.sensors.pni_tcm import PniOptions
+from firmware_py.sensors.rion import RionOptions
+from firmware_py.sensors.witmotion import WitmotionOptions
 from support.line import FakeLine
 from support.paths import ROOT
 
@@ -21,63 +46,37 @@ ROLES = {
     "power": DeviceRole.POWER,
     "ais": DeviceRole.AIS,
 }
-# Section, driver, option, default, and the limits of a number.
-OPTIONS = """
-compass nmea require_checksum True
-compass pni_tcm rate_hz 10.0 0.5 100
-compass mti rate_hz 10 1 100
-compass rion identifier auto
-compass rion address 0 0 239
-compass rion rate_hz 10.0 0.5 20
-compass rion mounting none
-compass witmotion algorithm read
-compass witmotion rate_hz 0 0 200
-compass witmotion save_rate False
-compass bno08x_rvc rate_hz 10.0 1 100
-compass bno08x_rvc clockwise True
-compass mavlink system 0 0 255
-compass mavlink component 1 1 255
-compass mavlink rate_hz 10 1 50
-compass mavlink reference true
-compass mavlink require_status True
-compass nmea2000 source -1 -1 251
-compass nmea2000 gateway auto
-position nmea require_checksum True
-position mavlink rate_hz 1 1 10
-position mavlink solution receiver
-rudder dynamixel id 1 0 252
-rudder volz id 1 1 30
-rudder feetech id 1 0 253
-rudder maestro centre_us 1500.0 400 2600
-rudder maestro us_per_rad 636.6 50 5000
-rudder maestro minus_us None 400 2600
-rudder maestro plus_us None 400 2600
-rudder maestro end_deg 45.0 5 120
-rudder maestro reversed False
-rudder maestro min_us 1000.0 400 2600
-rudder maestro max_us 2000.0 400 2600
-rudder maestro channel 0 0 23
-rudder maestro device 12 0 127
-rudder maestro crc False
-rudder maestro speed 0 0 16383
-rudder maestro acceleration 0 0 255
-rudder_angle nmea offset_deg 0.0 -90 90
-rudder_angle nmea scale 1.0 -10 10
-rudder_angle nmea require_checksum True
-rudder_angle nmea2000 instance -1 -1 252
-rudder_angle nmea2000 offset_deg 0.0 -90 90
-rudder_angle nmea2000 scale 1.0 -10 10
-power mavlink battery 0 0 255
-ais nmea own_mmsi 0 0 1e+09
-ais nmea2000 own_mmsi 0 0 1e+09
-wind nmea offset_deg 0.0 -180 180
-wind nmea require_checksum True
-wind nmea2000 offset_deg 0.0 -180 180
-depth nmea transducer_depth_m 0.0 0 100
-depth nmea keel_depth_m 0.0 0 100
-depth nmea require_checksum True
-depth nmea2000 transducer_depth_m 0.0 0 100
-"""
+# Option, default, and the limits of a number.
+OPTIONS = {
+    NmeaCompassOptions: "require_checksum True",
+    PniOptions: "rate_hz 10.0 0.5 100",
+    MtiOptions: "rate_hz 10 1 100",
+    RionOptions: "identifier auto, address 0 0 239, rate_hz 10.0 0.5 20, mounting none",
+    WitmotionOptions: "algorithm read, rate_hz 0 0 200, save_rate False",
+    Bno08xRvcOptions: "rate_hz 10.0 1 100, clockwise True",
+    MavlinkOptions: "system 0 0 255, component 1 1 255",
+    MavlinkCompassOptions: "rate_hz 10 1 50, reference true, require_status True",
+    Nmea2000Options: "source -1 -1 251, gateway auto",
+    NmeaPositionOptions: "require_checksum True",
+    MavlinkPositionOptions: "rate_hz 1 1 10, solution receiver",
+    DynamixelOptions: "id 1 0 252",
+    VolzOptions: "id 1 1 30",
+    FeetechOptions: "id 1 0 253",
+    PulseOptions: (
+        "centre_us 1500.0 400 2600, us_per_rad 636.6 50 5000, minus_us None 400 2600, plus_us None 400 2600, "
+        "end_deg 45.0 5 120, reversed False, min_us 1000.0 400 2600, max_us 2000.0 400 2600"
+    ),
+    MaestroOptions: "channel 0 0 23, device 12 0 127, crc False, speed 0 0 16383, acceleration 0 0 255",
+    NmeaRudderOptions: "offset_deg 0.0 -90 90, scale 1.0 -10 10, require_checksum True",
+    Nmea2000RudderOptions: "instance -1 -1 252, offset_deg 0.0 -90 90, scale 1.0 -10 10",
+    MavlinkPowerOptions: "battery 0 0 255",
+    AisOptions: "own_mmsi 0 0 1e+09",
+    Nmea2000AisOptions: "own_mmsi 0 0 1e+09",
+    NmeaWindOptions: "offset_deg 0.0 -180 180, require_checksum True",
+    Nmea2000WindOptions: "offset_deg 0.0 -180 180",
+    NmeaDepthOptions: "transducer_depth_m 0.0 0 100, keel_depth_m 0.0 0 100, require_checksum True",
+    Nmea2000DepthOptions: "transducer_depth_m 0.0 0 100",
+}
 
 
 def closed_line():
@@ -99,10 +98,11 @@ def test_drivers_are_created_with_their_defaults_and_wait_for_the_port(section, 
     assert device.fileno() == (-1 if section == "ais" else 7)  # AIS data do not wake the loop
 
 
-@pytest.mark.parametrize("row", OPTIONS.strip().splitlines())
-def test_defaults_and_limits_of_the_options(row):
-    section, name, option, default, *limits = row.split()
-    record = SECTIONS[section][name].options
+@pytest.mark.parametrize(
+    ("record", "row"), [(record, row) for record, rows in OPTIONS.items() for row in rows.split(", ")]
+)
+def test_defaults_and_limits_of_the_options(record, row):
+    option, default, *limits = row.split()
     present = getattr(record(), option)
     assert str(present) == default
     allowed = rf"{option}: .* is out of range; allowed: {re.escape(' to '.join(limits))}$"

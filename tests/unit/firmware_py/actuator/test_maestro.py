@@ -202,6 +202,20 @@ def test_error_is_reported_and_is_no_restart(rig, maestro, errors, text):
     assert (rig.health().state, rig.health().text) == (DeviceState.RUNNING, text)
 
 
+def test_missing_pulses_after_an_error_was_read_are_no_restart(rig, maestro):
+    rig.ticks(5, shaft_deg=10.0)
+    handle = maestro.handle
+
+    def go_home(data):
+        if data[-1] == 0xA1:
+            maestro.errors, maestro.position, maestro.handle = 2, 0, handle
+        return handle(data)
+
+    maestro.handle = go_home
+    assert rig.ticks(25, shaft_deg=10.0)[-1].restarts == 0
+    assert rig.health().text == "serial overrun"
+
+
 def test_lost_and_foreign_bytes_do_not_last(rig, line, maestro):
     rig.ticks(5, shaft_deg=10.0)
     line.lose_replies = 1

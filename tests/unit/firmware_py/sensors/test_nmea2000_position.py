@@ -143,6 +143,8 @@ def test_hanging_receiver_has_no_fix(deliver, receiver):
     assert fixes == [FixType.FIX_3D] * 4 + [FixType.NONE] * 2
     assert receiver.health(5.0).text == "time not advancing: no fix"
     assert deliver(receiver, gnss(utc_s=UTC_S + 6.0), now_s=6.0)[0].fix is FixType.FIX_3D
+    for now_s in (7.0, 11.0):  # a receiver without a time does not hang
+        assert deliver(receiver, gnss(utc_s=None), now_s=now_s)[0].fix is FixType.FIX_3D
 
 
 def test_second_receiver_is_not_mixed_and_takes_over_after_silence(deliver, receiver):
