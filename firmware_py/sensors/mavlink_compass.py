@@ -79,10 +79,8 @@ class MavlinkCompass(MavlinkDevice[HeadingSample]):
         self._mounting = Mounting("none")
         self._reference = NorthReference.TRUE if options.reference == "true" else NorthReference.MAGNETIC
         self._requires_status = options.require_status
-        self._status_s: float | None = None  # time of the last report, or of the first attitude before it
-        self._is_valid = False  # by the last report
-        self._fault = ""
         self._is_vertical = False
+        self._forget()
 
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send heartbeats and requests."""
@@ -94,8 +92,8 @@ class MavlinkCompass(MavlinkDevice[HeadingSample]):
         return self._monitor.health(now_s, self._fault or (VERTICAL if self._is_vertical else ""))
 
     def _forget(self) -> None:
-        self._status_s = None
-        self._is_valid = False
+        self._status_s: float | None = None  # time of the last report, or of the first attitude before it
+        self._is_valid = False  # by the last report
         self._fault = ""
 
     def _handle(self, frame: Frame, now_s: float) -> None:

@@ -76,12 +76,12 @@ class MavlinkPosition(MavlinkDevice[PositionSample]):
         if self._uses_estimator:
             wanted.append(Wanted(Message.GLOBAL_POSITION_INT, options.rate_hz, Stream.POSITION))
         super().__init__(line, options, DeviceRole.POSITION, POSITION_COMPONENT, wanted)
+        self._forget()
+
+    def _forget(self) -> None:
         self._fix: PositionSample | None = None  # of the last GPS_RAW_INT
         self._fix_time_us = 0
         self._utc: tuple[float, float] | None = None  # UTC, and time of its arrival
-
-    def _forget(self) -> None:
-        self._fix, self._fix_time_us, self._utc = None, 0, None
 
     def _handle(self, frame: Frame, now_s: float) -> None:
         self._monitor.note_unused("connected, no position yet")
