@@ -58,6 +58,11 @@ def test_rounding_does_not_give_a_full_turn():
     assert wrap_pi(math.nextafter(-math.pi, -math.inf)) == -math.pi
 
 
+def test_compass_degrees_are_0_to_360():
+    angles_rad = (0.0, 0.5 * math.pi, -0.5 * math.pi, 2.5 * math.pi)
+    assert [compass_degrees(angle_rad) for angle_rad in angles_rad] == pytest.approx([0.0, 90.0, 270.0, 90.0])
+
+
 def test_clamp_limits_and_keeps_nan():
     assert [clamp(value, -1.0, 2.0) for value in (-5.0, 0.5, 7.0)] == [-1.0, 0.5, 2.0]
     assert math.isnan(clamp(math.nan, -1.0, 2.0))

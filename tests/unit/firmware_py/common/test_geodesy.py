@@ -50,6 +50,13 @@ def test_remaining_distance_is_negative_beyond_the_end():
 def test_track_of_a_line_without_a_length_is_none():
     assert track(HERE, HERE.at_offset(1.0, 0.0), HERE).course_rad % (2 * math.pi) == pytest.approx(0.0, abs=1e-5)
     assert track(HERE, HERE, HERE.at_offset(5.0, 5.0)) is None
+    assert [track(HERE, HERE.at_offset(length_m, 0.0), HERE) is None for length_m in (6.1e-3, 6.7e-3)] == [True, False]
+
+
+def test_track_is_none_at_the_pole_of_its_line():
+    for angle_rad, is_none in ((0.0, True), (0.95e-9, True), (1.05e-9, False)):
+        position = track(Place(0.0, 0.0), Place(0.0, 1.0), Place(math.pi / 2 - angle_rad, 0.5))
+        assert (position is None) is is_none
 
 
 def test_tracks_across_the_date_line_and_the_pole():

@@ -48,6 +48,8 @@ def test_values_are_converted_to_the_types_of_the_record():
         ({"socket": "x", "number": 10**400}, "number: expected a number from 1 to 9"),
         ({"socket": "x", "dimmed": 1}, "dimmed: expected true or false"),
         ({"socket": "x", "colours": "red"}, "colours: expected a list of texts"),
+        ({"socket": "x", "colours": ["red", ""]}, "colours: expected a list of texts"),
+        ({"socket": "x", "colours": ["red", 5]}, "colours: expected a list of texts"),
         ({"socket": "x", "colours": ["red", "blue"]}, "colours: 'blue' is not known; use one of red, green"),
         ({"socket": "x", "height_m": 31}, "height_m: 31 is out of range; allowed: 0 to 30"),
         ({"socket": "x", "mode": "off"}, "mode: 'off' is not known; use one of fixed, blinking"),

@@ -37,15 +37,6 @@ items = st.builds(
 HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
 
 
-@given(st.sampled_from(PlanKind), st.lists(items, max_size=5))
-def test_plan_is_written_and_read(kind, plan_items):
-    plan = Plan.of(kind, plan_items)
-    restored, notes = from_text(to_text(plan))
-    assert notes == ()
-    assert restored == plan
-    assert repr(restored) == repr(plan)  # NaN is not equal to itself, but has the same repr
-
-
 def test_identity_is_zero_for_an_empty_plan_and_differs_for_each_change():
     assert Plan.of(PlanKind.RALLY, ()).identity == 0
     plan = Plan.of(PlanKind.MISSION, (HERE, HERE))
@@ -61,6 +52,8 @@ def test_damaged_text_is_rejected():
     items = json.loads(text)["plan"]["items"]
     other_items = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
     changes = [(items, other_items), (items, items[:-4]), (items, "!" + items[1:]), ('"kind":0', '"kind":3')]
+    identity = f'"identity":{json.loads(text)["plan"]["identity"]}'
+    changes += [(identity, identity + ".0"), ('"kind":0', '"kind":0.0'), ('"kind":0', '"kind":false')]
     changes += [('"kind":0', '"kind":null'), ('"kind":0,', ""), ('"kind":0', '"kind":' + "[" * 100_000), (text, "")]
     for damaged in (text[:-2], "[]", *(text.replace(old, new) for old, new in changes)):
         assert damaged != text
@@ -129,3 +122,12 @@ def test_numbers_are_rounded_to_mavlink_precision_or_rejected():
     for invalid in (PlanItem(16, z=1e300), PlanItem(16, x=2**31), PlanItem(70_000), PlanItem(16, frame=-1)):
         with pytest.raises(struct.error):
             Plan.of(PlanKind.MISSION, (invalid,))
+
+
+@given(st.sampled_from(PlanKind), st.lists(items, max_size=5))
+def test_plan_is_written_and_read(kind, plan_items):
+    plan = Plan.of(kind, plan_items)
+    restored, notes = from_text(to_text(plan))
+    assert notes == ()
+    assert restored == plan
+    assert repr(restored) == repr(plan)  # NaN is not equal to itself, but has the same repr

@@ -58,6 +58,7 @@ class Boat(msgspec.Struct, frozen=True):
     packed: bytes = b""
     depth: Depth | None = None
     tender: "Boat | None" = None
+    label: int | str | None = None
 
 
 def depth_to_plain(value):
@@ -93,7 +94,7 @@ boats = st.builds(
     st.none() | st.builds(Depth, st.integers(0, 10)),
     st.none() | st.builds(Boat, st.text()),
 )
-BOAT = Boat("Ada", 1.5, Near(3.0), (Near(1.0), Near(2.0)), (Near(4.0), 5.0), {"fish": 2}, b"\xff", Depth(7))
+BOAT = Boat("Ada", 1.5, Near(3.0), (Near(1.0), Near(2.0)), (Near(4.0), 5.0), {"fish": 2}, b"\xff", Depth(7), label="B4")
 
 
 def bits(value):
@@ -103,19 +104,6 @@ def bits(value):
     if isinstance(value, msgspec.Struct):
         return type(value), tuple(bits(getattr(value, name)) for name in value.__struct_fields__)
     return tuple(map(bits, value)) if isinstance(value, tuple) else value
-
-
-@given(boats)
-def test_record_is_restored_bit_for_bit(boat):
-    data = encode(boat, 3, HOOKS)
-    restored, notes = decode(Boat, data, 3, HOOKS)
-    assert bits(restored) == bits(boat)
-    assert notes == ()
-    text = to_text(boat, 3, HOOKS)
-    restored, notes = from_text(Boat, text, 3, HOOKS)
-    assert repr(bits(restored)) == repr(bits(boat)) or "NaN" in text
-    assert to_text(restored, 3, HOOKS) == text
-    assert (notes, text.isascii()) == ((), True)
 
 
 def read(change, version=1):
@@ -289,6 +277,28 @@ def test_value_of_a_named_tuple_is_read_or_replaced_by_its_default(path, value, 
     assert texts == tuple(f"Chart.{note}" for note in notes)
 
 
+class Gains(NamedTuple):
+    values: np.ndarray = np.zeros((2, 3))
+    count: int = 0
+
+
+class Filter(msgspec.Struct, frozen=True):
+    gains: Gains = Gains()
+    depth: Depth | None = None
+
+
+@pytest.mark.parametrize("hooks", [HOOKS, Hooks()])
+def test_array_of_a_named_tuple_has_the_shape_of_its_default(hooks):
+    values = np.array([[1.0, -0.0, math.inf], [4.0, 5.0, 6.0]])
+    text = to_text(Filter(Gains(values, 7)), 1, hooks)
+    restored, notes = from_text(Filter, text, 1, hooks)
+    assert (repr(restored.gains), notes) == (repr(Gains(values, 7)), ())
+    for part, reason in (("[1.0,-0.0,Infinity],", "length 2, got 1"), ("1.0,", "length 3, got 2")):
+        restored, (note,) = from_text(Filter, text.replace(part, ""), 1, hooks)
+        assert repr(restored.gains) == repr(Gains(count=7))
+        assert note.startswith("Filter.gains.values: Expected `array` of " + reason)
+
+
 def test_missing_or_renamed_field_of_a_named_tuple(monkeypatch):
     monkeypatch.setitem(record_codec.FORMER_NAMES, "Track", {"latest": "newest"})
     chart, notes = read_chart(lambda plain: plain["track"].update(latest=plain["track"].pop("newest")))
@@ -345,3 +355,16 @@ class Place(msgspec.Struct, frozen=True):
 
 def test_record_without_fields_is_written_and_read():
     assert from_text(Place, to_text(Place(), 1), 1) == (Place(), ())
+
+
+@given(boats)
+def test_record_is_restored_bit_for_bit(boat):
+    data = encode(boat, 3, HOOKS)
+    restored, notes = decode(Boat, data, 3, HOOKS)
+    assert bits(restored) == bits(boat)
+    assert notes == ()
+    text = to_text(boat, 3, HOOKS)
+    restored, notes = from_text(Boat, text, 3, HOOKS)
+    assert repr(bits(restored)) == repr(bits(boat)) or "NaN" in text
+    assert to_text(restored, 3, HOOKS) == text
+    assert (notes, text.isascii()) == ((), True)
