@@ -163,6 +163,7 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m)
     north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
     east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
     assert min_m <= math.hypot(north_m, east_m) <= max_m
+    assert boat.events.count("Dead reckoning started: position error grows") == armed
 
 
 def test_boot_arm_and_boot_mode_set_the_initial_state():

@@ -280,6 +280,8 @@ def test_hold_of_a_failsafe_is_still_one_after_a_restart(is_ordered, is_restarte
     if is_ordered:
         state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
         assert not resume_of(state, Moment(1.8e9)).modes.by_failsafe  # a command is on disk before the next tick
+        for other in (SetMode(99), SetParameter("CTL_K1", 40.0)):
+            assert accept(boat.state, Request(boat.t_s, other))[0].modes.by_failsafe
         boat.tick(SetMode(Mode.HOLD))
     if is_restarted:
         stored = to_bytes(resume_of(boat.state, Moment(1.8e9)))

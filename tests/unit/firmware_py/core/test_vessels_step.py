@@ -3,13 +3,22 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.intents import SteerHeading
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.reports import Water
+from firmware_py.common.vessels import Vessel, VesselIdentity, VesselKind, VesselPosition
+from firmware_py.core.state import State, settings_of
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
+from firmware_py.core.vessels_step import avoid_vessels
 from firmware_py.faults.table import Fault
+from firmware_py.guidance.avoidance import IDLE, AvoidanceState
+from firmware_py.guidance.steering import SteeringTarget
+from firmware_py.guidance.traffic import TrafficState
+from firmware_py.modes import ModeState, Situation
 from support import rig
 from support.plans import placed
 
@@ -66,6 +75,45 @@ def test_vessels_are_only_reported_by_default():
     assert not boat.times_of("Avoidance: heading")
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
     assert boat.snapshot.traffic.vessels[0].title == "ANNA"
+
+
+SETTINGS = settings_of(ParameterSet().replaced("AIS_ACT", 1))
+NEAR = Vessel(VesselPosition(0.0, 1, VesselKind.CLASS_A, *placed(300.0, 0.0), 0.0, 0.0), cpa_m=0.0, near_s=0.0)
+NORTH = Situation(0.1, Water(0.4, 0.0, 0.0, 0.0, 0.0), position_ok=True, rudder_ok=True)
+TARGET = SteeringTarget(0.0, -0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "situation", "target", "is_avoiding"),
+    [
+        ({}, NORTH, TARGET, True),
+        ({"modes": ModeState(Mode.GUIDED, armed=False)}, NORTH, TARGET, False),
+        ({"modes": ModeState(Mode.STEERING, armed=True)}, NORTH, TARGET, False),
+        ({"traffic": TrafficState()}, NORTH, TARGET, False),
+        ({}, replace(NORTH, heading_rad=None), TARGET, False),
+        ({}, replace(NORTH, position_ok=False), TARGET, False),
+        ({}, replace(NORTH, water=None), TARGET, False),
+        ({}, replace(NORTH, water=replace(NORTH.water, too_strong=True)), TARGET, False),
+        ({}, NORTH, SteeringTarget(), False),
+    ],
+)
+def test_avoidance_needs_a_near_vessel_and_a_boat_that_can_avoid_it(changes, situation, target, is_avoiding):
+    state = State.at_start(ParameterSet())
+    position = replace(state.position, latitude_rad=placed(0.0, 0.0)[0], longitude_rad=placed(0.0, 0.0)[1])
+    state = replace(
+        state,
+        position=position,
+        modes=ModeState(Mode.GUIDED, armed=True),
+        traffic=TrafficState((NEAR,)),
+        aside=AvoidanceState(heading_rad=1.0, way_rad=0.0, tried_s=9.0),
+    )
+    state, steered, events = avoid_vessels(SETTINGS, replace(state, **changes), target, situation, 10.0)
+    if is_avoiding:
+        assert (steered, events) == (SteeringTarget(1.0, pytest.approx(0.9)), ())
+        assert state.aside.heading_rad == 1.0
+    else:
+        assert (steered, state.aside) == (target, IDLE)
+        assert [event.text for event in events] == ["Avoidance ended: back on course"]
 
 
 @pytest.mark.parametrize("mode", [Mode.STEERING, Mode.MANUAL, Mode.HOLD])

@@ -204,7 +204,10 @@ def test_delay_ends_at_a_time_of_day(set_back_s):
 
 def test_delay_until_a_time_of_day_lasts_a_day_without_a_clock():
     runner = MissionRunner(MissionStep(Command.DELAY, time_of_day_s=100.0), waypoint(A))
-    runner.step(step_s=86_399.5)
+    runner.utc_s = 50.0
+    runner.step(step_s=0.5)
+    runner.utc_s = None
+    runner.step(step_s=86_399.0)
     assert runner.progress.index == 0
     assert runner.step(step_s=0.5) == go_to(A)
 
