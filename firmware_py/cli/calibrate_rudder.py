@@ -143,12 +143,11 @@ def sweep(move: Move, centre_rad: float, side: float, max_rad: float, max_a: flo
 
 def fit_scale(pairs: list[tuple[float, float]]) -> float:
     """Return the slope of measured over commanded angle; raise BenchError for fewer than three pairs."""
-    mean_x = sum(x for x, _ in pairs) / max(len(pairs), 1)
-    mean_y = sum(y for _, y in pairs) / max(len(pairs), 1)
-    sum_of_squares = sum((x - mean_x) ** 2 for x, _ in pairs)
-    if len(pairs) < 3 or sum_of_squares <= 0.0:
+    if len(pairs) < 3:
         raise BenchError("the shaft does not follow small steps; check that it is free, and the servo's supply")
-    return sum((x - mean_x) * (y - mean_y) for x, y in pairs) / sum_of_squares
+    mean_x = sum(x for x, _ in pairs) / len(pairs)
+    mean_y = sum(y for _, y in pairs) / len(pairs)
+    return sum((x - mean_x) * (y - mean_y) for x, y in pairs) / sum((x - mean_x) ** 2 for x, _ in pairs)
 
 
 def choose_limit_rad(sides: list[Sweep], present_limit_rad: float) -> float:
@@ -226,7 +225,7 @@ def propose_on_bench(arguments: argparse.Namespace) -> tuple[Proposal, dict[str,
     directory = arguments.state or state_directory_of(arguments.file[0], vehicle)
     parameters = parameters_in_force(vehicle, directory, lambda _problem: None)
     (device,) = open_devices([("rudder", vehicle.rudder)])
-    if device.driver is None or device.line is None:
+    if device.line is None:
         raise BenchError(device.error)
     bench = Bench(device, device.driver)  # type: ignore[arg-type]
     try:

@@ -21,7 +21,7 @@ from firmware_py.link.wire.dialect import mavlink
 _STREAM_NAMES = {
     value: name.removeprefix("MAV_DATA_STREAM_")
     for name, value in vars(mavlink).items()
-    if name.startswith("MAV_DATA_STREAM_") and name != "MAV_DATA_STREAM_ENUM_END"
+    if name.startswith("MAV_DATA_STREAM_")
 }
 # Lower-case name of a message class -> its name.
 _CLASS_NAMES = {kind.__name__.lower(): kind.__name__ for kind in mavlink.mavlink_map.values()}

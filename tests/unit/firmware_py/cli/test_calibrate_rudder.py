@@ -1,14 +1,16 @@
 """`rambler calibrate rudder`: limits on a simulated servo with stops, the centre from a log."""
 
+import io
 import json
 import math
 import random
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli import logged_ticks
+from firmware_py.cli import calibrate_rudder, logged_ticks
 from firmware_py.cli.bench_session import BenchDevice
 from firmware_py.cli.calibrate_rudder import Bench, BenchError, ServoFeedback, measure_rudder
 from firmware_py.common.angles import degrees, radians, wrap_two_pi
@@ -26,6 +28,7 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.log.reader import LoggedTick
+from firmware_py.system.store import Store
 
 
 class SimulatedBench:
@@ -175,6 +178,19 @@ def test_bench_waits_for_a_stuck_shaft_for_a_time_per_step():
     assert servo.time_s - start_s == pytest.approx(3 * 1.5, abs=0.1)
 
 
+def test_bench_waits_for_an_angle_after_the_command():
+    servo = SimulatedServo()
+    bench = bench_of(servo)
+    bench.move(None)
+    start_s, bench_poll = servo.time_s, servo.poll
+    bench.move(0.0)
+    assert servo.time_s - start_s == pytest.approx(0.15, abs=0.01)  # more than a command interval
+    start_s = servo.time_s
+    servo.poll = lambda: bench_poll() if servo.time_s > start_s + 0.48 else ()
+    bench.move(0.0)
+    assert servo.time_s - start_s == pytest.approx(0.5, abs=0.01)
+
+
 def test_bench_refuses_a_silent_servo():
     servo = SimulatedServo(sends=False)
     with pytest.raises(BenchError, match="no angle from the servo; check power and wiring"):
@@ -193,14 +209,41 @@ def test_servo_that_measures_no_angle_is_refused_with_the_remedy():
     assert bench_of(servo).release() is None
 
 
-def test_missing_port_is_a_one_line_error(capsys, tmp_path):
+@pytest.fixture
+def vehicle(tmp_path):
     path = tmp_path / "boat.toml"
     path.write_text(
         '[compass]\ndriver = "nmea"\nport = "/dev/none"\nbaud = 4800\n'
-        '[rudder]\ndriver = "volz"\nport = "/dev/none"\nbaud = 115200\n'
+        '[rudder]\ndriver = "volz"\nport = "/dev/none-b"\nbaud = 115200\n'
     )
-    assert main(["calibrate", "rudder", str(path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    return str(path)
+
+
+def test_missing_port_is_a_one_line_error(capsys, vehicle):
+    assert main(["calibrate", "rudder", vehicle]) == 2
+    error = capsys.readouterr().err
+    assert (error.count("\n"), "/dev/none-b: no such port" in error) == (1, True)
+
+
+def test_rudder_is_measured_with_the_stored_parameters_and_released(monkeypatch, capsys, vehicle, tmp_path):
+    store, calls, servo = Store(tmp_path / "state"), [], SimulatedServo()
+    store.save("parameters.param", b"RUD_LIMIT_DEG 25\n")
+    store.close()
+    line = SimpleNamespace(close=lambda: calls.append("close"))
+    device = BenchDevice("rudder", "volz", "/dev/x", servo, line=line)
+    servo.command = lambda command, _now_s: calls.append(command.torque_on)
+
+    def measure(_bench, parameters, *, amidships, can_ask):
+        calls.append((parameters["RUD_LIMIT_DEG"], amidships, can_ask))
+        return {}, {"ready": True}, []
+
+    monkeypatch.setattr(calibrate_rudder, "open_devices", lambda _group: [device])
+    monkeypatch.setattr(calibrate_rudder, "RealClock", lambda: servo)
+    monkeypatch.setattr(calibrate_rudder, "measure_rudder", measure)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(["calibrate", "rudder", vehicle, "--state", str(tmp_path / "state"), "--json"]) == 1
+    assert (calls[0], set(calls[1:-1]), calls[-1]) == ((25.0, False, False), {False}, "close")
+    assert json.loads(capsys.readouterr().out) == {"ready": True}
 
 
 # ------------------------------------------------------------------ from logs

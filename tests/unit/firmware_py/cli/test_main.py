@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import COMMANDS, main
+from firmware_py.cli.errors import print_error
 from firmware_py.cli.run import default_state_directory
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.system.serial_port import SerialPort
@@ -72,6 +73,11 @@ def test_usage_error_is_one_line_with_remedy(arguments, capsys):
     assert "-h" in one_line_error(capsys, arguments)
 
 
+def test_error_without_a_text_still_names_the_command(capsys):
+    assert (print_error("run", ""), print_error("run", "a\nb", 3)) == (2, 3)
+    assert capsys.readouterr().err == "rambler run: \nrambler run: a\nrambler run: b\n"
+
+
 def test_run_refuses_a_wrong_vehicle_file_port_or_link(capsys, tmp_path, vehicle, ports):
     def error(path, *words):
         return one_line_error(capsys, ["run", path, "--state", str(tmp_path / "state"), *words])
@@ -105,11 +111,16 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
     assert "boat.param:1" in one_line_error(capsys, ["params", str(file)], code=1)
 
 
-def test_generated_pages_are_up_to_date(capsys):
-    pages = {"--markdown": "REFERENCE", "--faults": "FAULTS", "--messages": "MESSAGES", "--texts": "TEXTS"}
-    for option, name in pages.items():
-        assert main(["params", option]) == 0
-        assert capsys.readouterr().out == (ROOT / f"params/{name}.md").read_text(), "write them with make pages"
+PAGES = [("--markdown", "REFERENCE"), ("--faults", "FAULTS"), ("--messages", "MESSAGES"), ("--texts", "TEXTS")]
+
+
+@pytest.mark.parametrize(("option", "name"), PAGES)
+def test_generated_pages_are_up_to_date(option, name, capsys):
+    assert main(["params", option]) == 0
+    assert capsys.readouterr().out == (ROOT / f"params/{name}.md").read_text(), "write them with make pages"
+
+
+def test_parameter_metadata_has_every_parameter(capsys):
     assert main(["params", "--metadata"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
 
@@ -147,7 +158,8 @@ def test_listen_and_check_report_missing_ports_and_a_second_compass(capsys, vehi
     ]
     assert "no such port" in records[0]["error"]
     assert records[2]["driver"] == "pni_tcm"
-    assert "--seconds" in one_line_error(capsys, ["listen", path, "--seconds", "-1"])
+    for seconds in ("-1", "0", "1e7", "nan"):
+        assert "--seconds" in one_line_error(capsys, ["listen", path, "--seconds", seconds])
     assert main(["check", path, "--state", str(tmp_path / "state")]) == 1
     assert "FAIL  compass_b" in capsys.readouterr().out
 

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 
 import pytest
 
@@ -54,7 +55,14 @@ def test_plan_is_loaded_shown_and_saved(plan, tmp_path, file, state):
     waypoint, jump = plans["mission"]
     assert (waypoint["latitude_deg"], waypoint["params"]) == (36.1234567, [0.0, 5.5, 0.0, None])
     assert (jump["name"], jump["params"]) == ("DO_JUMP", [0.0, -1.0, 0.0, 0.0])
-    assert "NAV_WAYPOINT" in plan("show", "--state", state)
+    first, *lines = plan("show", "--state", state).splitlines()
+    assert re.fullmatch("mission: 2 items, id [0-9a-f]{8}", first)
+    assert lines == [
+        "    1  NAV_WAYPOINT  0 5.5 0 nan  36.1234567 121.1000000",
+        "    2  DO_JUMP  1 -1 0 0",
+        "fence: 0 items",
+        "rally: 0 items",
+    ]
     for name in ("b.plan", "b.waypoints"):
         plan("save", tmp_path / name, "--state", state)
         assert json.loads(plan("check", "--json", tmp_path / name))["mission"] == plans["mission"]
@@ -154,6 +162,13 @@ def test_mission_outside_the_fence_is_a_warning(capsys, tmp_path, state):
     assert err.startswith(f"{fenced}: {WARNING}{fenced}: warning: Mission item 3 is 18")
     assert main(["plan", "check", str(mission)]) == 0
     assert capsys.readouterr() == (f"{mission}: mission: 3 items, all valid\n", "")
+    waypoints = tmp_path / "a.waypoints"
+    waypoints.write_text(WAYPOINTS.replace("\t36.1234567\t121.1", "\t36.01\t121.0"))
+    assert main(["plan", "load", str(fenced), "--state", str(state)]) == 0
+    capsys.readouterr()
+    for words, number in (((), 1), (("--no-home",), 1)):
+        assert main(["plan", "load", str(waypoints), "--state", str(state), *words]) == 0
+        assert capsys.readouterr().err.startswith(f"{state}: warning: Mission item {number} is 778 m outside")
     for file in (fenced, mission):  # with its own fence, then with the stored fence
         assert main(["plan", "load", str(file), "--state", str(state)]) == 0
         assert capsys.readouterr().err.startswith(f"{state}: {WARNING}")

@@ -91,6 +91,24 @@ def test_invalid_parameter_and_changed_state_are_reported(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("change", "lines"),
+    [
+        (lambda data, _: data, []),
+        (lambda data, at: data[:at] + b"junk" + data[at:], ["0 damaged ticks, 4 unreadable bytes"]),
+        (lambda data, at: data[: at + 20] + b"\xff" + data[at + 21 :],
+         ["1 gaps: dropped or damaged ticks", "1 damaged ticks, 0 unreadable bytes"]),
+        (lambda data, at: data[: at + 90], ["the last tick is incomplete: 90 bytes ignored"]),
+    ],
+)  # fmt: skip
+def test_damage_is_reported(tmp_path, capsys, change, lines):
+    data = LOG.read_bytes()
+    tick_offsets = [at for fmt, at in Parser(data) if fmt.name == "TICK"]
+    (tmp_path / "a.BIN").write_bytes(change(data[: tick_offsets[10]], tick_offsets[5]))
+    main(["replay", str(tmp_path / "a.BIN")])
+    assert capsys.readouterr().out.splitlines()[1:-1] == lines
+
+
+@pytest.mark.parametrize(
     "content",
     [b"", b"\0" * 5000, bytes(range(256)) * 40, b"\xa3\x95\x80" * 100, b"# no log\n" * 50, LOG.read_bytes()[:3000]],
     ids=["empty", "zeros", "bytes", "sync bytes", "text", "header"],
