@@ -69,3 +69,27 @@ def test_every_interval_reaches_all_vessels_and_approaching_ones_more_often(buil
     turns = Counter(build(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
     assert set(turns) == set(range(1, count + 1))
     assert turns[2] > 4 * count
+
+
+def fleet_of(count, **first):
+    fleet = [
+        msgspec.structs.replace(MARK, position=msgspec.structs.replace(MARK.position, mmsi=number))
+        for number in range(count)
+    ]
+    return [msgspec.structs.replace(fleet[0], **first), *fleet[1:]]
+
+
+@pytest.mark.parametrize("count", [8, 10])
+def test_no_vessel_waits_more_than_13_turns(build, count):
+    turns = [build(2.05 + 0.1 * turn, *fleet_of(count)).MMSI for turn in range(600)]
+    for start in range(len(turns) - 13):
+        assert set(turns[start : start + 13]) == set(range(count))
+
+
+@pytest.mark.parametrize(
+    "first", [{"near_s": 0.0}, {"position": msgspec.structs.replace(MARK.position, mmsi=970000001)}]
+)
+def test_approaching_vessels_and_distress_beacons_have_40_percent_of_the_turns(build, first):
+    turns = [build(2.05 + 0.1 * turn, *fleet_of(100, **first)).MMSI for turn in range(1000)]
+    ((_, count),) = Counter(turns).most_common(1)
+    assert count == pytest.approx(400 + 6, abs=8)
