@@ -187,7 +187,7 @@ def servo_output_raw(context: TelemetryContext) -> Message:
 
     The measured angle is NAMED_VALUE_FLOAT `RUDDER`, an estimated one `RUD_EST`.
     """
-    deflection = context.snapshot.rudder_command_rad / max(context.rudder_limit_rad, 1e-3)
+    deflection = context.snapshot.rudder_command_rad / context.rudder_limit_rad
     pulse_us = to_integer(1500.0 + 500.0 * deflection, 1000, 2000, 0)
     time_us = boot_us(context.snapshot.t_s) & UINT32_MAX
     return mavlink.MAVLink_servo_output_raw_message(time_us, 0, pulse_us, 0, 0, 0, 0, 0, 0, 0)
