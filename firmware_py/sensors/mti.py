@@ -106,7 +106,6 @@ class MtiCompass:
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s; send at most one command and one reply."""
         if self._receiver.notice_reopening():
-            self._fault = ""
             self._restart_set_up(now_s)
         for packet in self._receiver.read(now_s):
             if not packet.fault:

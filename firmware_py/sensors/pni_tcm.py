@@ -100,8 +100,8 @@ class PniCompass:
     def receive(self, now_s: float) -> None:
         """Decode the received bytes with the time stamp now_s, and send at most one command."""
         if self._receiver.notice_reopening():
-            self._is_field_distorted = self._has_headings = False
-            self._calibration = None
+            self._has_headings = False
+            self.cancel()
             self._restart_set_up(now_s)
         for packet in self._receiver.read(now_s):
             if not packet.fault:
@@ -132,7 +132,7 @@ class PniCompass:
         return self._last_calibration
 
     def cancel(self) -> None:
-        """Cancel the calibration; it has no result."""
+        """Cancel a running calibration; it has no result."""
         if self._calibration is not None:
             self._line.write(pni.encode(Frame.STOP_CAL))
             self._calibration = None

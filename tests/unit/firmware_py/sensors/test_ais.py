@@ -50,6 +50,7 @@ def test_pending_reports_keep_the_newest_position_and_merge_identities(deliver, 
 def test_own_transmissions_are_not_reported_and_give_the_own_mmsi(deliver, receiver):
     assert receiver.fileno() == -1
     assert deliver(receiver, own_position(235000007)) == ()
+    assert (receiver.health(1.0).state, receiver.health(1.0).accepted) == (DeviceState.RUNNING, 1)
     assert deliver(receiver, ship(235000007)) == ()
     assert "another station uses the boat's MMSI 235000007" in receiver.health(0.0).text
     assert receiver.health(0.0).rejected == 1
@@ -96,6 +97,27 @@ def test_a_hundred_sentences_are_decoded_at_once_and_then_eighty_a_second(line, 
     assert accepted_after(60, 10.5) == 140
     assert receiver.health(10.5).rejected == 40
     assert accepted_after(150, 60.0) == 240
+
+
+def test_reopened_port_discards_incomplete_sentences_and_messages(line, deliver, receiver):
+    first, second = sentences(static_a(211000001, "ANNA", "DA1", 70, (90, 10, 8, 8))).splitlines(keepends=True)
+    assert deliver(receiver, first, ship(211000002)[:20]) == ()
+    line.plug()
+    assert deliver(receiver, ship(211000002)[20:], second, now_s=1.1) == ()
+    assert receiver.health(1.1).text == "earlier parts of the message are missing"
+
+
+def test_vessels_beyond_256_between_two_polls_are_dropped_and_counted(line, receiver):
+    for number in range(258):
+        line.inbox += ship(200_000_000 + number)
+        receiver.receive(float(number))
+    health = receiver.health(257.0)
+    assert (health.accepted, health.rejected, health.text) == (258, 2, "too many vessels, some dropped")
+
+
+def test_other_data_are_not_understood(deliver, receiver):
+    deliver(receiver, b"\x80\xfe")
+    assert receiver.health(1.0).text == "data not understood: wrong baud rate?"
 
 
 @pytest.mark.parametrize("own_mmsi", [-1, 1_000_000_000])

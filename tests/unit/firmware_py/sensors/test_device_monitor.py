@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.common.records import DeviceRole, DeviceState
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
 from firmware_py.sensors.device_monitor import DeviceMonitor
 
 ERROR_HOLD_S = 10.0
@@ -28,11 +28,16 @@ def test_state_depends_on_messages_fault_and_port(line, monitor):
     health = monitor.health(9.0, fault="magnet")
     assert health.state is DeviceState.ABSENT
     assert line.name in health.text
+    monitor.note_bytes(9.0)
+    monitor.note("no fix")
+    monitor.note_unused("only GPGSV")
+    monitor.reject(9.0, "checksum", 3)
     line.plug()
     assert monitor.notice_reopening()
     assert not monitor.notice_reopening()
-    health = monitor.health(9.0)
-    assert (health.state, health.accepted, health.rejected) == (DeviceState.STARTING, 2, 0)
+    assert monitor.health(9.0) == DeviceHealth(9.0, DeviceRole.COMPASS, DeviceState.STARTING, 2, 3)
+    monitor.note_bytes(9.0)
+    assert "baud rate" in monitor.health(9.0).text
 
 
 def test_text_is_the_recent_error_else_the_note_else_a_hint(monitor):
@@ -69,6 +74,15 @@ def test_timeout_is_two_and_a_half_intervals_of_the_messages(monitor):
         monitor.accept(float(second))
     assert monitor.health(112.5).state is DeviceState.RUNNING
     assert monitor.health(112.6).state is DeviceState.SILENT
+
+
+def test_unused_messages_are_named_until_a_message_is_accepted(monitor):
+    monitor.note_unused("only GPGSV")
+    monitor.note_bytes(1.0)
+    assert monitor.health(1.0).text == "only GPGSV"
+    monitor.accept(1.0)
+    monitor.note_bytes(20.0)
+    assert "baud rate" in monitor.health(20.0).text
 
 
 def test_only_printable_ascii_characters_are_kept(monitor):

@@ -95,6 +95,15 @@ def test_running_calibration_can_be_cancelled_and_not_started_again(turntable):
     assert turntable.compass.calibrate(turntable.now_s)
 
 
+def test_reopened_port_ends_the_calibration(turntable):
+    turntable.run(10.0)
+    turntable.line.unplug()
+    turntable.run(0.1)
+    turntable.line.plug()
+    turntable.run(0.1)
+    turntable.assert_ended(NONE, "")
+
+
 def test_report_of_a_power_up_ends_the_calibration(turntable, pni):
     turntable.line.inbox += pni(23)
     turntable.run(0.1)

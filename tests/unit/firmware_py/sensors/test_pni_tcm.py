@@ -148,6 +148,9 @@ def test_reopened_port_is_set_up_at_once(line, deliver, compass, pni_heading, se
     compass.receive(set_up_s + 0.2)
     assert frame_ids(line.written[7:]) == [22]
     assert compass.health(set_up_s).state is DeviceState.STARTING
+    for step in range(400):  # without headings since then, the push modes are used in turn
+        compass.receive(set_up_s + 0.2 + step / 100)
+    assert [frame[3] for frame in line.written if frame[2] == 24][:4] == [0, 0, 1, 0]
 
 
 def test_command_is_repeated_after_a_blocked_line(line, compass):
