@@ -89,15 +89,16 @@ def _find_drop_ins(unit: Path) -> list[Path]:
 def _read_settings(path: Path) -> Iterator[tuple[str, str]]:
     """Yield the settings of a unit file; raise UpdateError if it cannot be read."""
     try:
-        lines = iter(read_text(path, _MAX_BYTES).splitlines())
+        lines = read_text(path, _MAX_BYTES).splitlines()
     except OSError as error:
         raise UpdateError(f"{path}: {error.strerror}") from None
-    for line in lines:
-        full_line = line
-        while full_line.endswith("\\") and not full_line.lstrip().startswith(("#", ";")):
-            full_line = f"{full_line[:-1]} {next(lines, '')}"
+    begin = ""  # of a setting that continues in the next line
+    for line in [*lines, ""]:
+        full_line = begin + line
+        is_continued = full_line.endswith("\\") and not full_line.lstrip().startswith(("#", ";"))
+        begin = f"{full_line[:-1]} " if is_continued else ""
         name, equals, value = full_line.partition("=")
-        if equals:
+        if equals and not is_continued:
             yield name.strip(), value.strip()
 
 

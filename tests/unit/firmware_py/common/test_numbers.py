@@ -18,6 +18,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Activity, MissionState
 from firmware_py.common.vessels import VesselKind
+from firmware_py.plans.problem import PlanResult
 
 
 @pytest.mark.parametrize(
@@ -25,6 +26,7 @@ from firmware_py.common.vessels import VesselKind
     [
         (Verdict, "MAV_RESULT_{}", {}),
         (PlanKind, "MAV_MISSION_TYPE_{}", {}),
+        (PlanResult, "MAV_MISSION_{}", {}),
         (MissionState, "MISSION_STATE_{}", {}),
         (Severity, "MAV_SEVERITY_{}", {}),
         (Mode, "ROVER_MODE_{}", {}),

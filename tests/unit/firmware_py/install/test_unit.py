@@ -50,7 +50,7 @@ def test_unit_is_parsed(directory):
         f"[Service]\nExecStart=\nExecStart={OTHER}\n",
         f"[Service]\nExecStart =\nExecStart = -{OTHER}\nNice=-5\n",
         f"# ExecStart=/bin/false \\\n[Service]\nExecStart=\nExecStart={OTHER_IN_TWO_LINES}\n",
-        f"[Service]\nExecStart=\nExecStart={OTHER} --watchdog\n",
+        f"[Service]\nExecStart=\nExecStart={OTHER} --watchdog\\",
     ],
 )
 def test_drop_in_overrides_the_unit(directory, text):

@@ -38,6 +38,13 @@ def test_lines_are_written_in_order_and_before_the_end(output):
     assert os.read(output, 100) == b"one\ntwo \\udcff\n"
 
 
+def test_lines_are_written_to_standard_error(capfd):
+    lines = Console()
+    lines.line("text")
+    lines.close()
+    assert tuple(capfd.readouterr()) == ("", "text\n")
+
+
 def test_event_that_was_printed_early_is_not_printed_again(output):
     lines = Console()
     lines.print_early("Mode HOLD")

@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -135,6 +136,10 @@ def test_after_a_fatal_signal_the_location_is_known(tmp_path):
 @pytest.mark.parametrize("has_directory", [True, False])
 def test_a_missing_runtime_directory_is_no_error(tmp_path, has_directory):
     EndingRecorder(tmp_path / "missing" if has_directory else None).record_reason("reason")
+
+
+def test_record_has_a_version():
+    assert msgspec.msgpack.decode(to_bytes(Endings()))["version"] == 1
 
 
 def test_endings_are_counted_and_the_last_ones_stored():

@@ -64,6 +64,7 @@ def read_all(line, count):
     """Read until `count` bytes have arrived."""
     data = b""
     while len(data) < count:
+        assert is_readable(line, 10.0)
         data += line.read()
     return data
 
@@ -206,8 +207,8 @@ def test_settings_changed_by_another_program_are_restored_and_reported_every_ten
     assert line.reopen(10.5) == ""  # less than a second after the last check
     assert line.reopen(11.0) == f"Port {cable.path}: changed by another program, restored"
     assert termios.tcgetattr(cable.slave) == settings
-    assert read_all(line, 11) == b"no line end"
     assert (line.openings, line._port) == (1, port)
+    assert read_all(line, 11) == b"no line end"
     change_settings(cable)
     assert line.reopen(610.0) == ""
     assert termios.tcgetattr(cable.slave) == settings
