@@ -50,10 +50,7 @@ class Parameter(msgspec.Struct, frozen=True):
                 raise ParameterError(f"{self.name}: {value:g} is not a whole number; allowed: {allowed}")
         elif abs(value) <= SINGLE_MAX:
             stored = to_single(value)
-        low, high = (self.minimum, self.maximum)
-        if self.kind is Kind.REAL:
-            low, high = to_single(low), to_single(high)
-        if not low <= stored <= high:
+        if not to_single(self.minimum) <= stored <= to_single(self.maximum):
             raise ParameterError(f"{self.name}: {value:g} is out of range; allowed: {allowed}")
         if self.choices is not None and int(stored) not in self.choices:
             raise ParameterError(f"{self.name}: {value:g} is not one of its values; allowed: {allowed}")

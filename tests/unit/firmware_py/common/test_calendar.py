@@ -74,6 +74,7 @@ def test_default_dates_of_receivers_are_none(stated_s, clock_s):
         (-1.0, 3.0 * ROLLOVER_S, UNKNOWN, None),
         # The clock may differ by a day.
         (NOW_S - ROLLOVER_S, NOW_S + 86_400.0, UNKNOWN, NOW_S),
+        (NOW_S - ROLLOVER_S, NOW_S + 86_400.0, NOW_S + 2 * 86_400.0, NOW_S),
         (NOW_S - ROLLOVER_S, NOW_S + 86_401.0, UNKNOWN, None),
         # The result is at least the last time less a day, and at most a year later.
         (NOW_S - ROLLOVER_S, UNKNOWN, NOW_S + 86_400.0, NOW_S),

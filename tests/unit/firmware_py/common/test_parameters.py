@@ -20,9 +20,13 @@ def test_names_are_short_unique_and_sorted():
     assert names == sorted(set(names))
 
 
-def test_every_default_is_valid():
+def test_default_and_limits_of_each_row_are_valid():
     for row in TABLE:
         assert row.check(row.default) == row.default
+        assert [row.check(limit) for limit in (row.minimum, row.maximum)] == [
+            to_single(row.minimum),
+            to_single(row.maximum),
+        ]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1e300, 3.5e38])
@@ -123,6 +127,14 @@ def test_formats_of_ground_stations():
 def test_invalid_line_is_reported_with_its_number(line, reason):
     with pytest.raises(ParameterError, match=rf"boat.param:2: .*{reason}"):
         parse_file(f"CTL_K2 0.3\n{line}\n", "boat.param")
+
+
+def test_twenty_problems_of_a_file_are_reported():
+    with pytest.raises(ParameterError) as raised:
+        parse_file("NONE 1\n" * 30, "boat.param")
+    lines = str(raised.value).splitlines()
+    assert [line.split(":")[1] for line in lines[:-1]] == [str(number) for number in range(1, 21)]
+    assert lines[-1] == "boat.param: not checked after line 20"
 
 
 def test_reference_page_shows_the_table():
