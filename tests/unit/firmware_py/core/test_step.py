@@ -166,6 +166,19 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m)
     assert boat.events.count("Dead reckoning started: position error grows") == armed
 
 
+@pytest.mark.parametrize(("armed", "gap_s", "is_reported"), [(1, 58, False), (1, 62, True), (0, 62, False)])
+def test_fix_after_more_than_a_minute_of_dead_reckoning_is_reported(armed, gap_s, is_reported):
+    state, texts = State.at_start(ParameterSet().replaced("BOOT_ARM", armed)), []
+    for second in range(20 + gap_s + 2):
+        has_fix = second <= 20 or second >= 20 + gap_s
+        fixes = (PositionSample(float(second), FixType.FIX_3D, 0.5, 0.5),) if has_fix else ()
+        state, output = step(state, Inputs(Tick(second, float(second), 0.0, 0, 1.0), positions=fixes))
+        texts += [event.text for event in output.events]
+    assert (
+        [text for text in texts if text.startswith("GPS recovered after 1 min: position error")] != []
+    ) is is_reported
+
+
 def test_boot_arm_and_boot_mode_set_the_initial_state():
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     boat = Boat(parameters, heading_rad=2.0)
