@@ -167,16 +167,17 @@ def test_program_that_does_not_end_is_given_up(candidate, monkeypatch, name, lim
             list(self_check.self_check(candidate))
 
 
-def test_program_has_a_minute_to_report_ready(monkeypatch):
-    clock_s = [100.0]
+@pytest.mark.parametrize("is_readable", [False, True])
+def test_program_has_a_minute_to_report_ready(monkeypatch, is_readable):
+    clock_s, bound = [100.0], SimpleNamespace(recv=lambda _size: b"READY=0\nREADY=10")
 
     def select(*arguments):
         clock_s[0] += arguments[3]
-        return ([],)
+        return ([bound] if is_readable else [],)
 
     monkeypatch.setattr(self_check, "time", SimpleNamespace(monotonic=lambda: clock_s[0]))
     monkeypatch.setattr(self_check, "select", SimpleNamespace(select=select))
-    assert self_check._await_ready(SimpleNamespace(poll=lambda: None), None, 100.0) is None
+    assert self_check._await_ready(SimpleNamespace(poll=lambda: None), bound, 100.0) is None
     assert clock_s[0] == pytest.approx(160.05, abs=0.06)
 
 

@@ -124,6 +124,24 @@ def test_item_may_be_ten_centimetres_outside(outside_m, texts):
     assert breach_texts([waypoint], [item_at(INCLUDED_CIRCLE, 0, 0, 100 - margin - outside_m)]) == texts
 
 
+@pytest.mark.parametrize(
+    ("north_m", "east_m", "margin"),
+    [
+        *((0, 0, 212.13), (100, 0, 141.42), (100, 100, 70.71), (-100, 50, 106.07), (0, -250, 35.36)),
+        *((200, 200, -70.71), (-200, 150, -35.36), (-20, -310, -21.21), (160, -160, -14.14)),
+        *((400, 0, -100.0), (0, 350, -50.0), (30, -340, -50.0), (-340, -30, -50.0)),  # a corner is nearest
+    ],
+)
+def test_margin_is_the_distance_to_the_nearest_edge_or_corner(north_m, east_m, margin):
+    """The fence is a diamond with corners 300 m from its centre."""
+    corners = [(370, -40), (70, 260), (-230, -40), (70, -340)]
+    place = CENTRE.at_offset(70 + north_m, -40 + east_m)
+    for command, sign in ((INCLUDED, 1.0), (EXCLUDED, -1.0)):
+        for order in (corners, corners[::-1], corners[1:] + corners[:1]):
+            fence = Plan.of(PlanKind.FENCE, [item_at(command, *corner, 4) for corner in order])
+            assert margin_m(fence, place) == pytest.approx(sign * margin, abs=0.1)
+
+
 def test_boat_must_be_inside_all_areas_of_one_group():
     place = CENTRE.at_offset(150, 0)
     for groups, margin in (((0, 0), -50.0), ((0, 1), 50.0), ((254, 255), 50.0), ((math.nan, 0), -50.0)):

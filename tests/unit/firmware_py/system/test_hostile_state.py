@@ -40,11 +40,11 @@ def make_socket(path):
 
 
 ENTRIES = {
+    "large file": make_large_file,
     "pipe": os.mkfifo,
     "directory": make_full_directory,
     "link": lambda path: path.symlink_to("/dev/zero"),
     "link to itself": lambda path: path.symlink_to(path),
-    "large file": make_large_file,
     "socket": make_socket,
     "random bytes": lambda path: path.write_bytes(bytes(range(256))),
 }

@@ -306,6 +306,8 @@ def test_programs_of_other_users_cannot_open_the_port(line, cable):
 
 def test_other_users_of_a_port_are_listed(line, cable):
     assert find_port_users([str(cable.path)]) == {}
+    with (cable.path.parent / "file").open("w") as file:
+        assert find_port_users([file.name]) == {}  # of this program
     line.close()
     with start_other_program(cable, "root") as other:
         assert other.stdout.readline() == "opened\n"

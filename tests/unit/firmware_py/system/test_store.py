@@ -6,9 +6,10 @@ import threading
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from firmware_py.common.records import Stored
-from firmware_py.system.store import Store, StoreError
+from firmware_py.common.records import Progress, Stored
+from firmware_py.system.store import Job, Store, StoreError
 
 
 @pytest.fixture
@@ -450,6 +451,19 @@ def test_written_blocks_are_counted(store):
     store.try_save("a", b"2", lambda _is_ok: None)
     assert store.settle()
     assert store.written == (6, 11 * 4096)
+
+
+def test_progress_counts_the_saves_of_all_names(store):
+    for number in range(3):
+        assert save(store, "a", b"1", b"2")
+        assert save(store, "b", b"1")
+        assert replace(store.progress(), thread=None) == Progress("state store", has_work=False, done=3 * number + 3)
+    with store._lock:
+        store._queue("a", Job(b"3"))
+        store._queue("a", Job(b"4"))
+        assert store.progress().has_work
+    assert is_stored(store)
+    assert replace(store.progress(), thread=None) == Progress("state store", has_work=False, done=11)
 
 
 def test_settle_waits_for_all_saves_and_reports_due_callbacks(store):
