@@ -127,7 +127,7 @@ class Feed:
         time_s = self._harness_values.get("time_s")
         marks: tuple[Mark, ...] = ()
         plans_before = self._plans
-        if status and reading.freshness is Freshness.RUNNING:
+        if reading.freshness is Freshness.RUNNING:
             if time_s is None:
                 self._detect_new_voyage(status)
                 time_s = status["written_machine_s"] - (self._begin_s or 0.0)

@@ -125,13 +125,20 @@ def test_plans_are_read_after_a_change(rig):
     rig.advance(plan_identities=[2, 0, 0])
     assert "plans" in rig.poll()["now"]
     assert rig.plans_read == 2
+    rig.advance(home={})
+    assert rig.poll()["now"]["plans"] == {"mission": [[16]]}
+    for missing in ("target_lat_deg", "target_lon_deg"):
+        rig.advance(navigation=STATUS["navigation"] | {missing: None})
+        assert rig.poll()["now"]["target"] is None
 
 
 def test_stale_status_adds_no_row(rig):
     rig.poll()
-    rig.reading = StatusReading(Freshness.STALE, rig.reading.content, 9.0, "process 7 has ended")
+    content = rig.reading.content | {"events": [{"t_s": 49.0, "severity": 4, "text": "late"}], "plan_identities": [9]}
+    rig.reading = StatusReading(Freshness.STALE, content, 9.0, "process 7 has ended")
     update = rig.poll()
     assert (update["now"]["freshness"], update["now"]["reason"], update["rows"]) == ("stale", "process 7 has ended", [])
+    assert (update["marks"], rig.plans_read) == ([], 1)
     rig.reading = StatusReading(Freshness.ABSENT, reason="it is not running")
     assert rig.poll()["now"]["freshness"] == "absent"
 
