@@ -180,8 +180,8 @@ class Parser:
         buffer, size = self._buffer, len(self._buffer)
         records_end = offset = self.garbage_bytes = 0
         while True:
-            offset = buffer.find(MARK, offset)
-            if offset < 0 or offset + HEAD_BYTES > size:
+            offset = buffer.find(MARK, offset, size - 1)  # a type byte follows the mark
+            if offset < 0:
                 break
             file_format = self._formats.get(buffer[offset + 2])
             end = offset + file_format.length if file_format is not None else size + 1

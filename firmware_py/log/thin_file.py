@@ -50,7 +50,7 @@ class ThinFile:
         count = len(self._queue)
         data = b"".join(self._queue[index] for index in range(count))
         try:
-            if self._descriptor >= 0 and self._size >= MAX_FILE_BYTES:
+            if self._size >= MAX_FILE_BYTES:
                 self.close()
             if self._descriptor < 0:
                 self._open()

@@ -102,7 +102,7 @@ class LogWriter:
         )
         if is_half_full and self._thread is None:
             self.work()
-        elif is_half_full and not self._wake.is_set():
+        elif is_half_full:
             self._wake.set()
         if self._wait_for_disk and (thread := self._thread) is not None:
             while thread.is_alive() and (self.is_full() or not (self.has_written or self.failure)):

@@ -2,7 +2,7 @@ import struct
 
 import pytest
 
-from firmware_py.log.dataflash import FMT, MULTIPLIERS, UNITS, MessageType, Parser, decode_text, header
+from firmware_py.log.dataflash import FMT, MULTIPLIERS, UNITS, Format, MessageType, Parser, decode_text, header
 
 FMT_BYTES = 89
 TEXT_BYTES = 64
@@ -87,6 +87,13 @@ def test_a_mark_within_garbage_loses_no_record():
 def test_a_truncated_record_is_the_tail():
     for cut in range(1, len(BODY[2])):
         assert parse((HEAD + b"".join(BODY))[:-cut]) == (EXPECTED[:2], 0, len(BODY[2]) - cut)
+
+
+@pytest.mark.parametrize(("length", "values", "labels"), [(12, "Q", "A"), (11, "Q", "A,B"), (11, "?", "A")])
+def test_a_format_that_contradicts_itself_is_refused(length, values, labels):
+    assert Format(1, 11, "N", "Q", "A").unpack(bytes(11), 0) == (0,)
+    with pytest.raises(ValueError, match="N: "):
+        Format(1, length, "N", values, labels)
 
 
 def test_types_of_other_programs_are_skipped():

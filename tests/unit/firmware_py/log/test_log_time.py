@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.log import schema
-from firmware_py.log.dataflash import header
+from firmware_py.log.dataflash import MessageType, header
 from firmware_py.log.log_time import corrected_utc_s, utc_offset_s
 
 NOON_S = 1_798_804_800.0
@@ -49,6 +49,12 @@ def log_of_fixes(*fixes):
     """Return a log with fixes at (t_s, utc_s)."""
     samples = [PositionSample(t_s, FixType.FIX_3D, 0.5, 0.5, utc_s=utc_s) for t_s, utc_s in fixes]
     return header(schema.TYPES, 0) + b"".join(schema.POSITION.pack(0.0, sample) for sample in samples)
+
+
+@pytest.mark.parametrize("labels", ["TimeUS,T,Utc", "TimeUS,Utc,T", "TimeUS,Utc,X"])
+def test_a_fix_of_another_version_has_no_offset(labels):
+    fix = MessageType(200, "FIX", labels, "QdQ", "sss", "F00")
+    assert utc_offset_s(header((fix,), 0) + fix.pack(0, NOON_S, 5)) is None
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, Inputs, NorthReference, RudderFeedback
+from firmware_py.log.dataflash import Parser
 from firmware_py.log.disk import LocalDisk, log_files
 from firmware_py.log.reader import LogReader
 
@@ -225,6 +226,20 @@ def test_an_unwritable_directory_is_a_fault_and_no_exception(tmp_path, fake):
     assert health.text.startswith("log: ")
 
 
+def test_the_health_names_a_dead_writer_and_a_nearly_full_disk(tmp_path, fake):
+    recorder = fake.make_recorder(tmp_path)
+    writer = recorder.writer
+    writer.is_alive = lambda: False
+    health = recorder.health(1.0)
+    assert (health.t_s, health.state, health.text) == (1.0, DeviceState.FAULTY, "log: the writer has ended")
+    writer.failure = "log: x"
+    assert recorder.health(1.0).text == "log: x"
+    writer.low_space = True
+    assert (recorder.health(1.0).state, recorder.health(1.0).text) == (DeviceState.FULL, "log: x")
+    writer.is_alive, writer.failure = lambda: True, ""
+    assert (recorder.health(1.0).state, recorder.health(1.0).text) == (DeviceState.FULL, "log: the disk is nearly full")
+
+
 def test_a_tick_that_does_not_fit_the_format_is_dropped_and_the_next_has_a_checkpoint(tmp_path, fake):
     recorder = fake.make_recorder(tmp_path)
     state, run = fake.run_ticks(recorder, range(2))
@@ -238,6 +253,8 @@ def test_a_tick_that_does_not_fit_the_format_is_dropped_and_the_next_has_a_check
     recorder.close()
     ticks = read_ticks(tmp_path)
     assert indexes_of(ticks) == [0, 1, 2, 3]
+    data = (tmp_path / "00000001.BIN").read_bytes()
+    assert sum(record.name == "THR" for record, _ in Parser(data)) == 2  # all values in ticks 0 and 2
     assert [tick.gap for tick in ticks] == [False, False, True, False]
     assert fake.state_from(ticks[2].checkpoint) == state
     assert (recorder.health(1.0).rejected, recorder.health(1.0).state) == (2, DeviceState.RUNNING)

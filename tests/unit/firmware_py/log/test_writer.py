@@ -1,6 +1,7 @@
 import errno
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -209,6 +210,68 @@ def test_with_wait_for_disk_a_missing_disk_does_not_block(disk):
     writer.start()
     put(writer, b"ONE", b"two")
     assert (writer.has_written, writer.failure) == (False, "log: Read-only file system")
+    writer.close()
+
+
+class WorkingWake:
+    """An event whose setting does a turn of the writer."""
+
+    def __init__(self, writer):
+        self.writer, self.turns = writer, 0
+
+    def set(self):
+        self.turns += 1
+        assert self.turns < 9, "the loop waits without end"
+        self.writer.work()
+
+
+@pytest.mark.parametrize(
+    ("is_alive", "batches", "turns"), [(True, (b"ONE", b"two", b"three"), [1, 0, 0]), (False, (b"ONE",), [0])]
+)
+def test_the_loop_waits_for_the_first_batch_only_and_not_for_a_dead_thread(disk, is_alive, batches, turns):
+    writer = make_writer(disk, wait_for_disk=True)
+    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: is_alive)
+    for batch, expected in zip(batches, turns, strict=True):
+        writer._wake.turns = 0
+        put(writer, batch)
+        assert writer._wake.turns == expected
+
+
+def test_the_loop_waits_for_a_full_queue_but_not_for_a_failed_disk(disk):
+    writer = make_writer(disk, wait_for_disk=True, queue_batches=1)
+    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: True)
+    disk.create_error = READ_ONLY
+    put(writer, b"ONE", b"two")
+    assert (writer._wake.turns, writer.is_full(), writer.lost) == (2, False, 2)
+
+
+@pytest.mark.parametrize(
+    ("limits", "batches", "drained"),
+    [
+        ({"queue_batches": 4}, (b"ONE", b"two"), False),
+        ({"queue_batches": 4}, (b"ONE", b"two", b"three"), True),
+        ({"queue_bytes": 10}, (b"A" * 5,), False),
+        ({"queue_bytes": 10}, (b"A" * 6,), True),
+    ],
+)
+def test_a_queue_that_is_more_than_half_full_is_written(disk, limits, batches, drained):
+    writer = make_writer(disk, **limits)
+    put(writer, *batches)
+    assert (disk.files == {"1": b"".join(batches).lower()}) is drained
+    writer = make_writer(disk, **limits)
+    writer._wake, writer._thread = WorkingWake(writer), threading.current_thread()
+    put(writer, *batches)
+    assert writer._wake.turns == int(drained)
+
+
+def test_progress_is_that_of_the_running_thread(disk):
+    writer = make_writer(disk)
+    assert writer.progress() == ()
+    writer.start()
+    (progress,) = writer.progress()
+    assert (progress.name, progress.has_work, progress.done, progress.alive) == ("log", True, 0, True)
+    writer._closing = True
+    assert writer.progress() == ()
     writer.close()
 
 
