@@ -35,6 +35,14 @@ def test_distance_of_one_metre():
     assert measured_m == pytest.approx(1.0, rel=1e-6)
 
 
+def test_offsets_of_a_nearby_place():
+    place, other = Place(0.6, 2.0), Place(0.6001, 2.0002)
+    for offset_m in (place.offset_m, place.nearby_offset_m, place.local_offset_m):
+        assert offset_m(other) == pytest.approx((637.10, 1051.64), abs=0.1)
+    for moved in (place.at_offset(637.10, 1051.64), place.at_local_offset(637.10, 1051.64)):
+        assert (moved.latitude_rad, moved.longitude_rad) == pytest.approx((0.6001, 2.0002), abs=1e-7)
+
+
 def test_cross_track_error_to_port_is_negative():
     position = track(Place(0.0, 0.0), Place(0.0, 0.001), Place(0.0001, 0.0004))
     assert position.cross_track_m == pytest.approx(-637.1, abs=0.1)

@@ -61,6 +61,15 @@ def test_error_of_an_invalid_option_names_it(values, problem):
     assert problem in str(error_info.value)
 
 
+@pytest.mark.parametrize(("name", "low", "high"), [("power_w", 0.5, 60.0), ("number", 1, 9), ("height_m", 0.0, 30.0)])
+def test_limits_of_an_option_are_allowed(name, low, high):
+    for value in (low, high):
+        assert getattr(record_from(Lamp, {"socket": "x", name: value}), name) == value
+    for value in (low - 1, high + 1):
+        with pytest.raises(ValueError, match=f"{name}: {value:g} is out of range"):
+            record_from(Lamp, {"socket": "x", name: value})
+
+
 @dataclass(frozen=True, slots=True)
 class Undeclared:
     height_m: float = 1.0
