@@ -4,6 +4,7 @@ import pytest
 
 from firmware_py.assemble.trial import TrialWatch, find_program_link
 from firmware_py.install.program_link import UPDATE_FILE, ProgramLink, passed_line
+from firmware_py.system.state_directory import RECORD_FILES
 from firmware_py.system.store import Store
 
 TRIAL_S = 120.0
@@ -31,25 +32,31 @@ def watch(link, store):
     return trial, texts, notices
 
 
-def test_no_report_without_a_trial(link, store):
+def test_no_report_without_a_trial(link, store, monkeypatch):
+    records = []
+    monkeypatch.setattr(store, "set_aside", records.append)
     for program_link in (link, None):
         trial, texts, _ = watch(program_link, store)
         trial.update(None, 0.0)
         trial.update(None, 10.0 * TRIAL_S)
         assert (trial.text, texts) == ("", [])
+    assert records == [RECORD_FILES] * 2
     store.settle()
     assert store.load(UPDATE_FILE) is None
 
 
-def test_trial_passes_after_its_running_time(link, store, tmp_path):
+def test_trial_passes_after_its_running_time(link, store, tmp_path, monkeypatch):
+    records = []
+    monkeypatch.setattr(store, "set_aside", records.append)
     link.switch(program := tmp_path / "new/bin/rambler")
     (tmp_path / ".rambler.trial").write_text(f"{program}\nstart\nstart\n")
     trial, texts, notices = watch(link, store)
     assert trial.text == "On trial: new, start 2 of 3"
     for now_s in (5.0, 4.9 + TRIAL_S):
         trial.update(None, now_s)
-    assert len(texts) == 1
+    assert (len(texts), records) == (1, [])  # the previous version may need its records again
     trial.update(None, 5.0 + TRIAL_S)
+    assert records == [RECORD_FILES]
     trial.update(None, 6.0 + TRIAL_S)
     assert texts[1:] == [trial.text] == ["Trial passed: new"]
     assert [event.text for event in notices] == texts

@@ -26,7 +26,13 @@ from firmware_py.common.reports import (
 )
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.fields import TelemetryContext
-from firmware_py.link.telemetry.identity import available_modes, mode_of_standard, protocol_version
+from firmware_py.link.telemetry.identity import (
+    Version,
+    autopilot_version,
+    available_modes,
+    mode_of_standard,
+    protocol_version,
+)
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec, stamp
@@ -427,3 +433,10 @@ def test_modes_and_protocol_have_their_numbers():
     assert [mode_of_standard(number) for number in (0, 5, 6, 7)] == [None, 11, 10, None]
     version = protocol_version()
     assert (version.version, version.min_version, version.max_version) == (200, 100, 200)
+    version = vars(autopilot_version(Version(3, 4, 5, "0123456789", (1 << 65) + 7)))
+    assert version.pop("capabilities") == 4 + 8 + 32 + 64 + 128 + 256 + 8192 + 16384 + 32768 + 131072
+    assert version.pop("flight_sw_version") == 0x03040500
+    assert (bytes(version.pop("flight_custom_version")), version.pop("uid")) == (b"01234567", 7)
+    zeros = ("middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id")
+    assert [version[name] for name in zeros] == [0] * 5
+    assert bytes(version["middleware_custom_version"]) == bytes(version["os_custom_version"]) == bytes(8)
