@@ -390,6 +390,7 @@ def test_failure_flags_of_satellite_reports(build, fault):
 def test_state_bits_of_satellite_reports(build, armed, heading_ok, estimate, bits):
     report = build("HIGH_LATENCY2", armed=armed, heading_ok=heading_ok, rudder_estimate_rad=estimate)
     assert report.custom2 == bits
+    assert build("HIGH_LATENCY2", rudder_rad=None).custom0 == -128
 
 
 @pytest.mark.parametrize(
