@@ -246,7 +246,7 @@ class SlotWriter:
     def _find_newest(self, name: str) -> tuple[int, int]:
         """Return slot and sequence number of the newest version, so that the other slot is written.
 
-        The other slot is never an unreadable one.
+        Without a version, an unreadable slot is written.
         """
         slots = _read_slots(self._directory, name, os.geteuid() if name in self._private else None)
         for number in [slot.number for slot in slots if slot.condition is SlotCondition.DAMAGED]:

@@ -9,7 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_py.common.records import Progress, Stored
-from firmware_py.system.store import Job, Store, StoreError
+from firmware_py.system.directory_lock import StoreError
+from firmware_py.system.store import Job, Store
 
 
 @pytest.fixture
