@@ -90,12 +90,12 @@ class FileUpload:
         end, size = offset + len(data), len(self.content)
         if end > MAX_FILE_BYTES:
             raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)
-        gaps = [*self.gaps, (size, offset)] if offset > size else self.gaps
+        gaps = (*self.gaps, (size, offset))  # the last one is empty, and removed, unless the part is beyond the end
         split_gaps = [gap for low, high in gaps for gap in ((low, min(high, offset)), (max(low, end), high))]
-        gaps = [(low, high) for low, high in split_gaps if low < high]
-        if len(gaps) > _MAX_GAPS:
+        remaining_gaps = [(low, high) for low, high in split_gaps if low < high]
+        if len(remaining_gaps) > _MAX_GAPS:
             raise Refusal(Error.FAIL)
-        self.gaps = gaps
+        self.gaps = remaining_gaps
         if end > size:
             self.content.extend(bytes(end - size))
         self.content[offset:end] = data

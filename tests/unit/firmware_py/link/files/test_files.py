@@ -105,13 +105,6 @@ def test_listing_with_modification_times(client, disk):
     assert "Dlogs" in client.list("/", LIST_TIMES)
 
 
-def test_listing_has_at_most_4096_entries(client, uploads):
-    for number in range(4097):
-        (uploads / str(number)).touch()
-    assert client.ask(LIST, "uploads", offset=4095).ok
-    assert client.ask(LIST, "uploads", offset=4096).error == (END,)
-
-
 def test_compressed_log_has_both_names(client, disk):
     (compression,) = [archive_log(disk / LOG)]
     next(compression)
@@ -591,3 +584,10 @@ def test_upload_to_a_full_disk_keeps_the_old_file(client, uploads, monkeypatch):
         patches.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
         assert client.ask(TERMINATE).error == (ERRNO, 28)
     assert {path.name: path.read_bytes() for path in uploads.iterdir()} == {"a": b"old"}
+
+
+def test_listing_has_at_most_4096_entries(client, uploads):
+    for number in range(4097):
+        (uploads / str(number)).touch()
+    assert client.ask(LIST, "uploads", offset=4095).ok
+    assert client.ask(LIST, "uploads", offset=4096).error == (END,)
