@@ -161,7 +161,6 @@ class TcpServer:
         """Close the port and all connections."""
         for client in self._clients.values():
             client.close()
-        self._clients = {}
         self._listener.close()
 
     def _accept(self) -> None:

@@ -71,6 +71,14 @@ def test_list_starts_with_the_newest_log_and_continues_with_the_oldest(boat, of)
     ]
 
 
+def test_size_and_time_are_limited_to_32_bits(boat, disk, of):
+    os.utime(disk / "00000001.BIN", (-5, -5))
+    os.utime(disk / "00000002.BIN", (2**32 + 7, 2**32 + 7))
+    os.truncate(disk / "00000005.BIN", 2**32 + 5)
+    found = entries(boat, of)
+    assert [found[1].time_utc, found[2].time_utc, found[0].size] == [0, 7, 2**32 - 1]
+
+
 def test_list_of_qgroundcontrol_starts_with_one(boat, of):
     entries(boat, of)
     found = entries(boat, of, 3, 3)  # it asks for the one that has not come

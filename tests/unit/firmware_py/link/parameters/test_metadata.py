@@ -18,6 +18,7 @@ DEFINITIONS = DATA / "mavlink" / "definitions"
 
 @pytest.fixture(scope="module")
 def files():
+    parameter_files.cache_clear()
     return Metadata(Version(1, 2, 3), 3).files
 
 

@@ -7,7 +7,8 @@ import sys
 import pytest
 
 from firmware_py.link.signing import EPOCH_S, Signing
-from firmware_py.link.wire.dialect import ADDITIONS, encode_text, mavlink
+from firmware_py.link.wire import dialect
+from firmware_py.link.wire.dialect import encode_text, mavlink
 from firmware_py.link.wire.frames import Codec, stamp
 from support.paths import DATA
 
@@ -67,7 +68,7 @@ def pack_with_another_payload(message, mav):
 
 @pytest.mark.parametrize("pack", [pack_by_class_method, pack_with_another_payload])
 def test_pymavlink_with_another_packing_packs_complete_messages(monkeypatch, pack):
-    added_numbers = {row.number for row in ADDITIONS}
+    added_numbers = {row.number for row in dialect.ADDITIONS}
     for message in MESSAGES.values():
         if type(message).id not in added_numbers:
             monkeypatch.setattr(type(message), "pack", pack)
@@ -119,7 +120,7 @@ def test_added_messages_equal_the_published_definitions():
     for name in ("minimal.xml", "standard.xml", "common.xml"):
         parsed = mavparse.MAVXML(str(DEFINITIONS / name), mavparse.PROTOCOL_2_0)
         published.update({message.id: message for message in parsed.message})
-    for row in ADDITIONS:
+    for row in dialect.ADDITIONS:
         if row.number not in published:
             ardupilotmega = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
             message = ardupilotmega.mavlink_map[row.number]

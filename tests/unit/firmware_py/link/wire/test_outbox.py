@@ -119,6 +119,14 @@ def test_idle_line_accumulates_a_quarter_second_or_a_frame_of_280_bytes(line, by
     assert len(line.data) == 60 * count
 
 
+@pytest.mark.parametrize(("byte_rate", "available_bytes"), [(4800.0, 1200.0 - 180.0), (None, 4800.0)])
+def test_available_bytes_of_a_line_exclude_the_queued_ones(line, byte_rate, available_bytes):
+    outbox = Outbox(line, byte_rate)
+    for priority in Priority:
+        outbox.push(message(b"x" * 47), priority)
+    assert outbox.available_bytes(10.0) == available_bytes
+
+
 def test_credit_limits_the_queued_bytes(outbox):
     outbox.credit_bytes = 179
     assert outbox.frames_in_credit(60) == 2
