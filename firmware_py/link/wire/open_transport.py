@@ -72,7 +72,7 @@ def open_transport(
         open_now = partial(UdpTransport, parsed, receives=receives)
     if report_retry is None:
         return open_now()
-    retried = RetriedTransport(parsed, open_now)
+    retried = RetriedTransport(parsed, open_now, RETRY_S)
     if retried.opened is None:
         report_retry(f"{retried.problem}; it is tried again")
     return retried.opened or retried
@@ -86,7 +86,7 @@ class RetriedTransport:
 
     byte_rate: float | None = None
 
-    def __init__(self, url: LinkUrl, open_now: Callable[[], Transport], retry_s: float = RETRY_S) -> None:
+    def __init__(self, url: LinkUrl, open_now: Callable[[], Transport], retry_s: float) -> None:
         """Start the thread that calls `open_now` every `retry_s` until it does not raise LinkError."""
         self.name = url.text
         self.options = url.options

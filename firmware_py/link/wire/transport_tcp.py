@@ -32,9 +32,9 @@ def _new_socket() -> socket.socket:
 
 def _set_options(opened: socket.socket) -> None:
     opened.setblocking(False)
-    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, True)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MAX_UNSENT_BYTES)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, True)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _KEEPALIVE_DELAY_S)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _KEEPALIVE_INTERVAL_S)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _ACKNOWLEDGE_TIMEOUT_MS)
@@ -106,7 +106,7 @@ class TcpServer:
         self.has_radio_rates = url.options.uses_radio_rates(default=False)
         self._listener = _new_socket()
         # Without it, the port is in use for a minute after a restart.
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, True)
         bind(self._listener, url)
         self.is_exposed = is_exposed(self._listener)
         self._listener.listen(MAX_CLIENTS)

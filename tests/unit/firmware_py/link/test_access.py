@@ -6,9 +6,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.access import make_reading_test
-from firmware_py.link.signing import timestamp_of
-from firmware_py.link.wire.urls import parse_options
+from firmware_py.link.access import Gate, Permission, make_reading_test
+from firmware_py.link.signing import Signing, timestamp_of
+from firmware_py.link.wire.frames import Frame
+from firmware_py.link.wire.urls import PLAIN, LinkClass, LinkOptions, parse_options
 from support.link import MemoryVault
 
 MAX_BURST_DENIALS = 20
@@ -236,6 +237,27 @@ def test_refusals_are_limited(linked):
         replies = rig.tell(*[ARM] * 20)
         assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == count
     assert rig.request_handler.intents == []
+
+
+@pytest.mark.parametrize(("later_frames", "is_verified"), [(15, True), (16, False)])
+def test_sixteen_frames_of_signed_messages_are_marked(later_frames, is_verified):
+    """A message by satellite is signed as a whole, and its frames are admitted afterwards."""
+    gate = Gate(Signing(lambda: 1.7e9, lambda *_, **__: None))
+    options = LinkOptions(link_class=LinkClass.MESSAGES)
+    frames = [Frame(0, bytes((0xFD, 1, 0, 0, number, 255, 190, 0, 0, 0, 1, 0, 0))) for number in range(20)]
+    for frame in frames[: 1 + later_frames]:
+        gate.mark_signed(frame.data)
+    for verified in (is_verified, False):  # the second time it is a replay
+        assert gate.admit(frames[:1], options, line=False) == [(frames[0], Permission.COMMANDER, verified)]
+    gate.accepts_mavlink1 = False
+    assert gate.refused_frames == gate.false_signatures == 0
+    assert gate.admit([Frame(0, b"\xfe" + bytes(10))] * 2, options, line=False) == []
+    assert (gate.refused_frames, gate.false_signatures) == (2, 0)
+    assert gate.admit([Frame(109, b"\xfe" + bytes(10)), Frame(109, b"\xfd" + bytes(10))], PLAIN, line=True) == [
+        (Frame(109, b"\xfd" + bytes(10)), Permission.READER, False)
+    ]
+    assert gate.admit([Frame(109, b"\xfd" + bytes(10))], PLAIN, line=False) == []
+    assert gate.refused_frames == 3
 
 
 # The messages that only request data for their sender; all others, also those of later versions, are commands.

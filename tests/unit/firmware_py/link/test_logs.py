@@ -2,6 +2,7 @@
 
 import os
 import struct
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -287,6 +288,17 @@ def test_all_logs_except_the_present_one_are_erased(boat, disk, texts):
 def test_logs_are_not_erased_while_armed(boat, disk, texts):
     assert texts(boat.tell(ERASE)) == ["Log erase refused: armed, disarm first"]
     assert len(list(disk.iterdir())) == 3
+
+
+def test_logs_that_cannot_be_erased_are_reported(boat, disk, texts, monkeypatch):
+    def fail(path, *, missing_ok):
+        raise OSError("the disk is locked " + "x" * 300)
+
+    boat.tick_silently(armed=False)
+    boat.replies()
+    monkeypatch.setattr(Path, "unlink", fail)
+    (text,) = texts(boat.tell(ERASE))
+    assert text == ("Logs could not be erased: the disk is locked " + "x" * 300)[:200]
 
 
 def test_erasure_ends_a_download(boat, of):

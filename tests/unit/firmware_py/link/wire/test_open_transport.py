@@ -3,6 +3,7 @@
 import socket
 import threading
 from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
 
@@ -98,6 +99,26 @@ def test_retried_transport_delegates_after_it_is_opened():
     assert len(attempts) == 3
 
 
+def test_opening_is_tried_every_five_seconds_and_the_caller_waits_for_one(monkeypatch, occupied_url):
+    waits_s = []
+
+    class ClosedAfterThreeWaits(threading.Event):
+        def wait(self, timeout_s):
+            waits_s.append(timeout_s)
+            if len(waits_s) == 3:
+                self.set()
+
+    class ImmediateThread:
+        def __init__(self, *, target, name, daemon):
+            assert (name, daemon) == ("link", True)  # a name server must not delay the end of the program
+            self.start = target
+
+    simulated = SimpleNamespace(Event=ClosedAfterThreeWaits, Thread=ImmediateThread)
+    monkeypatch.setattr("firmware_py.link.wire.open_transport.threading", simulated)
+    open_transport(occupied_url, None, report_retry=[].append)
+    assert waits_s == [5.0, 5.0, 5.0, 1.0]
+
+
 def test_silent_name_server_does_not_block_the_caller(monkeypatch):
     monkeypatch.setattr("firmware_py.link.wire.open_transport.MAX_FIRST_WAIT_S", 0.001)
     reply = threading.Event()
@@ -106,7 +127,7 @@ def test_silent_name_server_does_not_block_the_caller(monkeypatch):
         assert reply.wait(TIMEOUT_S)
         return UdpTransport(parse_url("udpout:127.0.0.1:14550"))
 
-    link = RetriedTransport(parse_url("udpout:station.example:14550"), open_now)
+    link = RetriedTransport(parse_url("udpout:station.example:14550"), open_now, 0.001)
     assert link.opened is None
     assert "station.example" in link.problem
     link.close()
@@ -122,5 +143,5 @@ def test_unopened_transport_is_exposed_if_other_computers_will_reach_it(url, is_
     def open_now():
         raise LinkError("not yet")
 
-    with closing(RetriedTransport(parse_url(url), open_now)) as link:
+    with closing(RetriedTransport(parse_url(url), open_now, 0.001)) as link:
         assert link.is_exposed is is_exposed

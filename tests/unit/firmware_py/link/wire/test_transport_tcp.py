@@ -185,6 +185,7 @@ def test_vanished_client_is_detected_and_a_slow_one_gets_no_old_data(server, con
     for level, options in levels.items():
         assert {option: connection._socket.getsockopt(level, option) for option in options} == options
     assert server._listener.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR) == 1
+    assert not connection._socket.getblocking()
 
 
 def test_client_is_read_in_pieces_of_256_bytes(server, connect):

@@ -32,6 +32,7 @@ def test_job_runs_on_its_thread_and_the_callback_on_the_callers(worker):
         return threading.get_native_id()
 
     assert not worker.has_pending_jobs
+    assert not is_ready(worker, 0.0)
     worker.submit(job, lambda result: calls.append((result, threading.get_native_id())))
     assert worker.has_pending_jobs
     (before,) = worker.progress()
