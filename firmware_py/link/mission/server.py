@@ -266,7 +266,7 @@ class PlanDownloads:
         """Send the item with a number, or return False if it does not exist."""
         home_count = first_item_number(self._context.autopilot, kind)
         # Home is also sent without a mission: DroneKit requests it for any count.
-        if not 0 <= sequence < max(_wire_count(plan, home_count), home_count):
+        if sequence >= max(_wire_count(plan, home_count), home_count):
             return False
         index = sequence - home_count
         item: PlanItem = home_item(self._context.home) if index < 0 else plan.items[index]
@@ -276,7 +276,7 @@ class PlanDownloads:
             kind,
             sequence,
             home_count=home_count,
-            is_current=kind is PlanKind.MISSION and index >= 0 and index == self._current_index(),
+            is_current=kind is PlanKind.MISSION and index == self._current_index(),
             is_int=is_int,
         )
         self._context.send(peer, reply)

@@ -189,7 +189,7 @@ class SerialTransport:
     @property
     def blocked_reason(self) -> str:
         """Reason why sending is blocked: the device is missing."""
-        return "" if self._line.fileno() >= 0 else "the line is not there"
+        return "" if self.descriptors() else "the line is not there"
 
     def addresses(self) -> Sequence[Address]:
         """Return the one peer, whether it is connected or not."""

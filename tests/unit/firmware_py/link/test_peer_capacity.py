@@ -44,6 +44,9 @@ def test_host_with_most_peers_loses_peers_until_both_have_equal_numbers():
     assert select_evictions(contender(99, "other"), shared, NOW_S) is None
     shared[-1] = crowd[half]  # five and three
     assert select_evictions(contender(99, "other"), shared, NOW_S) == (crowd[half],)
+    mixed = [*crowd[:half], *(contender(number, "other") for number in range(20, 23)), contender(60, "third")]
+    assert select_evictions(contender(99, "other"), mixed, NOW_S) is None  # four and three
+    assert select_evictions(contender(99, "third"), mixed, NOW_S) == (crowd[half - 1],)
 
 
 def test_unknown_peer_is_evicted_before_silent_owners():

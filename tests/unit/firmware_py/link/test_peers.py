@@ -177,6 +177,7 @@ def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):
     replies = open_rig.prove("late")
     assert "late" not in seated(open_rig)
     assert "Station late refused: memory is full" in texts(replies)
+    assert open_rig.endpoint._peers.rejected == 1
     open_rig.now_s += QUIET_S
     open_rig.prove("late")
     assert seated(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
@@ -223,10 +224,23 @@ def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
 def test_silent_peer_is_removed(open_rig):
     open_rig.prove("speaks")
     open_rig.prove("silent")
-    open_rig.now_s += FORGET_S - 1.0
+    open_rig.now_s = 299.0
     open_rig.tell(BEAT, address="speaks")
-    open_rig.tick(seconds=2.0)
+    open_rig.tick(seconds=1.0)
+    assert seated(open_rig) == {"speaks", "silent"}
+    open_rig.tick()
     assert seated(open_rig) == {"speaks"}
+
+
+def test_damaged_frames_of_removed_peers_are_counted(connected):
+    rig = connected()
+    damaged = bytearray(rig.frame(BEAT))
+    damaged[12] ^= 1
+    for count, address in enumerate((("client", 1), ("client", 2), ("client", 2)), 1):
+        rig.transport.connected = (address,)
+        rig.tick()
+        rig.give(bytes(damaged), address)
+        assert rig.endpoint._peers.refused_frames() == count
 
 
 def test_permanent_peer_is_not_removed(rig):
@@ -298,8 +312,8 @@ def test_dropped_client_is_reported_to_the_stations(connected, texts):
     rig = connected()
     rig.transport.served = ("station",)
     rig.tell(BEAT, address="datagram peer")  # has no connection
-    replies = rig.ticks(105)
-    assert texts(replies) == ["client on memory dropped: no valid frame"]
+    assert texts(rig.tick(seconds=10.0)) == []
+    assert texts(rig.tick()) == ["client on memory dropped: no valid frame"]
 
 
 def test_client_with_noise_is_dropped(connected):

@@ -105,7 +105,9 @@ def test_home_alone_is_an_empty_mission(station):
     assert station.upload([station.item(0, x=0, y=0, frame=0, current=1)]).type == 0
     assert station.places() == []
     # Item 0 is not validated.
-    assert station.upload([station.item(0, 0, x=2**31 - 1, z=math.nan, params=(math.nan,) * 4)]).type == 0
+    item = station.item(0, 0, x=2**31 - 1, z=math.nan, params=(math.nan,) * 4)
+    assert station.upload([item]).type == 0
+    assert acks(station.exchange(item)) == [0]  # repeated
 
 
 @pytest.mark.parametrize(
@@ -232,7 +234,9 @@ def test_missing_item_is_requested_again_in_both_forms(station):
 def test_upload_of_a_silent_station_ends_and_is_reported(station, texts):
     station.upload(station.mission(1))
     station.count(4)
-    replies = station.rig.ticks(170)
+    assert acks(station.tick(seconds=14.9)) == []
+    station.count(4)
+    replies = station.rig.tick(seconds=15.0)
     assert acks(station.protocol(replies)[-1:]) == [PlanResult.OPERATION_CANCELLED]
     assert texts(replies)[-1] == "Mission rejected: station silent at item 0"
     assert station.ticks(50) == []
@@ -388,7 +392,10 @@ def test_second_station_is_refused_during_an_upload(station):
 
 def test_second_station_replaces_the_upload_of_a_silent_one(station):
     station.count(3)
-    station.rig.ticks(60)
+    start_s = station.rig.now_s
+    station.rig.now_s = start_s + 4.9
+    assert acks(exchange_as_other(station, count_message(3))) == [PlanResult.DENIED]
+    station.rig.now_s = start_s + 5.0
     ack, request = exchange_as_other(station, count_message(2))
     assert (ack.get_type(), ack.target_system, ack.type) == ("MISSION_ACK", 255, PlanResult.OPERATION_CANCELLED)
     assert (request.get_type(), request.target_system) == ("MISSION_REQUEST_INT", 254)

@@ -4,6 +4,7 @@ import struct
 
 import pytest
 
+from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
@@ -46,7 +47,7 @@ def test_mavproxy_decodes_the_defaults():
         ({"start": "30"}, (30, len(TABLE))),
         ({"count": "2"}, (0, 2)),
         ({"start": "99999"}, (0, 0)),
-        ({"count": "100000"}, (0, len(TABLE))),
+        ({"start": "100000"}, (0, len(TABLE))),
         ({"count": "0"}, (0, 0)),
         ({"start": "-1", "count": "x", "more": "1"}, (0, len(TABLE))),
         ({"start": "³"}, (0, len(TABLE))),
@@ -79,6 +80,7 @@ def test_upload_of_mavproxy_is_decoded(kinds):
     assert unpack(content) == values
     padded = struct.pack("<HHH", 0x671B, 3, len(content) + 5) + b"\0\0" + content[6:] + b"\0\0\0"
     assert unpack(padded) == values
+    assert unpack(encode({})) == {}
 
 
 @pytest.mark.parametrize(
@@ -113,6 +115,13 @@ def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
     values = {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")}
     assert values == {"CTL_K1": 41.5, "CTL_K2": 1.0}
     assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
+
+
+def test_upload_requests_only_changes_and_the_fence(rig, ftp_station):
+    """A command may have overridden the fence parameter."""
+    values = rig.request_handler.values
+    ftp_station(rig).put("@PARAM/param.pck", encode({name: values[name] for name in ("CTL_K1", "FENCE_ENABLE")}))
+    assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", values["FENCE_ENABLE"])]
 
 
 def test_upload_with_one_invalid_value_sets_nothing(rig, ftp_station, texts):

@@ -93,11 +93,11 @@ def test_blocked_line_keeps_replies_and_drops_telemetry(line, outbox):
 def test_messages_are_dropped_after_a_line_was_blocked_for_three_seconds(line, outbox, blocked_s, is_kept):
     line.is_writable = False
     outbox.push(message(b"old"), Priority.URGENT)
-    outbox.flush(0.0)
-    outbox.flush(blocked_s)
+    outbox.flush(64.0)
+    outbox.flush(64.0 + blocked_s)
     line.is_writable = True
     outbox.push(message(b"new"), Priority.URGENT)
-    outbox.flush(60.1)
+    outbox.flush(128.0)
     assert [frame.text for frame in line.frames()] == ["old", "new"][not is_kept :]
 
 
