@@ -121,7 +121,6 @@ class TcpServer:
         """Accept one client, or read from one."""
         if descriptor == self._listener.fileno():
             self._accept()
-            return ()
         for number, client in self._clients.items():
             if client.fileno() == descriptor:
                 data = client.read()

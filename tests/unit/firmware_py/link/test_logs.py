@@ -83,7 +83,7 @@ def test_size_and_time_are_limited_to_32_bits(boat, disk, of):
 def test_list_of_qgroundcontrol_starts_with_one(boat, of):
     entries(boat, of)
     found = entries(boat, of, 3, 3)  # it asks for the one that has not come
-    assert [(one.id, one.size, one.num_logs) for one in found.values()] == [(3, SIZES[5], 3)]
+    assert [(one.id, one.size, one.num_logs, one.last_log_num) for one in found.values()] == [(3, SIZES[5], 3, 3)]
     assert joined(blocks(ask_data(boat, 3, 0, SIZES[5]))) == content_of(5)
 
 
@@ -181,14 +181,30 @@ def test_sixty_four_gaps_are_queued(boat, of):
     entries(boat, of)
     boat.transport.is_writable = False
     for number in range(100):
-        request = mavlink.MAVLink_log_request_data_message(1, 1, 2, 180 * number, 90)
-        boat.transport.inbox.append(("station", boat.frame(request)))
+        for start in (0, 0, 45):  # the second is equal to the first, and the third is a part of it
+            request = mavlink.MAVLink_log_request_data_message(1, 1, 2, 180 * number + start, 90 - start)
+            boat.transport.inbox.append(("station", boat.frame(request)))
     for _ in range(100):
         boat.endpoint.service(boat.now_s, [boat.transport.descriptor])
     boat.transport.is_writable = True
-    found = blocks(boat.give(b""))
-    assert list(found) == [180 * number for number in range(len(found))]
-    assert len(found) == 4 + 64
+    sent = [(one.ofs, one.count) for one in of(boat.give(b""), "LOG_DATA")]
+    # The first is sent before the others are queued, and one that is being sent may be queued again.
+    assert sorted(set(sent)) == [(180 * number, 90) for number in range(1 + 64)]
+    assert len(sent) <= 1 + 64 + 1
+
+
+@pytest.mark.parametrize("kind", ["list", "data"])
+def test_line_is_used_for_70_percent_by_lists_and_logs(stored, disk, of, kind):
+    for number in range(10, 110):
+        (disk / f"{number:08d}.BIN").write_bytes(b"log")
+    rig, _ = stored(byte_rate=5760.0, has_radio_rates=True)
+    if kind == "list":
+        sent = len(entries(rig, of))
+        sent += sum(len(of(rig.tick(), "LOG_ENTRY")) for _ in range(20))
+    else:
+        sent = len(blocks(ask_data(rig, 2)))
+        sent += sum(len(blocks(rig.tick())) for _ in range(20))
+    assert sent == pytest.approx(0.7 * 5760.0 * 2.1 / 109.0, abs=2)
 
 
 def test_removed_log_ends_the_download(boat, disk, of):
@@ -228,6 +244,14 @@ def test_four_stations_download_and_the_fifth_is_refused(disk, stored, of, texts
     for found in sent.values():
         assert min(found) <= 512 * 90
         assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
+
+
+def test_station_with_a_complete_list_blocks_no_other(disk, stored, of):
+    names = ("one", "two", "three", "four", "five")
+    rig, _ = stored(addresses=names)
+    for address in names[:4]:
+        rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF), address=address)
+    assert joined(blocks(ask_data(rig, 0, address="five"))) == content_of(5)
 
 
 def test_downloads_of_silent_stations_are_replaced(disk, stored, texts):

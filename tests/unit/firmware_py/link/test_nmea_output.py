@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 
 from firmware_py.common.link_status import LinkStatus, PeerStatus
-from firmware_py.link.nmea import NmeaData, open_output
+from firmware_py.link.nmea import TABLE, NmeaData, open_output
 from firmware_py.link.wire.urls import LinkError
 from support.line import FakeLine
 from support.link import SNAPSHOT
@@ -56,11 +56,12 @@ def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener,
 
 
 def test_missed_intervals_are_skipped(listener):
-    with closing(open_output(f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}", None)) as output:
+    url = f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}"
+    with closing(open_output(f"{url}?sentences={','.join(TABLE)}", None)) as output:
         output.publish(scene, 0.0)
         once = output.status(0.0).peers[0].sent_bytes
         output.publish(scene, 100.0)
-        for now_s, count in ((100.9, 2), (101.0, 3), (101.9, 3), (102.0, 4)):
+        for now_s, count in ((100.9, 2), (101.0, 3), (101.9, 3), (102.0, 4), (104.0, 5), (104.5, 5)):
             output.publish(scene, now_s)
             assert output.status(0.0).peers[0].sent_bytes == count * once
 

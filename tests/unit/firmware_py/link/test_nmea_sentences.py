@@ -46,6 +46,7 @@ def test_heading_sentences_are_true_and_magnetic():
     assert replies("HDT").data == ["350.0", "T"]
     assert replies("HDG").data == ["2.3", "", "", "12.3", "W"]
     assert replies("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
+    assert replies("HDG", declination_deg=0.0).data == ["350.0", "", "", "0.0", "E"]
     assert replies("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
     assert replies("ROT", yaw_rate_rad_s=-1e-6).data == ["0.0", "A"]
 
@@ -114,6 +115,8 @@ def test_rudder_to_starboard_is_positive_and_missing_rudder_is_invalid():
 def test_boat_to_starboard_of_the_line_steers_left():
     xte = replies("XTE", **LINE)
     assert (float(xte.cross_track_err_dist), xte.correction_dir, xte.dist_units) == (0.1, "L", "N")
+    on_the_line = LINE | {"navigation": Navigation(Activity.LINE, cross_track_m=0.0)}
+    assert replies("XTE", **on_the_line).data == ["A", "A", "0.000", "R", "N", "A"]
     port = LINE | {"navigation": msgspec.structs.replace(LINE["navigation"], cross_track_m=-185.2)}
     assert replies("XTE", **port).correction_dir == "R"
     apb = replies("APB", **LINE).data

@@ -36,6 +36,13 @@ def test_peers_are_processed_in_turn(estimator):
         estimator.pop()
 
 
+def test_transport_has_bytes_while_those_of_a_peer_are_queued(estimator):
+    estimator.offer(0, "stranger", b"a")
+    assert [estimator.has_bytes_of(index) for index in (-2, 0, 1)] == [False] * 3
+    estimator.offer(1, "one", b"a")
+    assert [estimator.has_bytes_of(index) for index in (0, 1)] == [False, True]
+
+
 def test_bytes_beyond_a_share_are_dropped(estimator):
     for _ in range(1000):
         estimator.offer(0, "one", bytes(1000))

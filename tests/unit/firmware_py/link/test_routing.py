@@ -209,6 +209,12 @@ def test_target_address_equals_that_of_pymavlink():
         assert (*targets, 0, 0)[:2] == (system, component), kind.msgname
 
 
+def test_target_in_omitted_zeros_is_all_systems():
+    ping = mavlink.MAVLink_ping_message(1, 0x01000000, 0, 0).pack(mavlink.MAVLink(None))
+    assert ping[1] == 12  # the target would be the next byte
+    assert routing._target(Frame(4, ping)) == (0, 0)
+
+
 def _frame(number, payload, seed):
     head = bytes((0xFD, len(payload), 0, 0, 9, 3, 4)) + number.to_bytes(3, "little") + payload
     return head + mcrf4xx(head[1:] + bytes((seed,))).to_bytes(2, "little")

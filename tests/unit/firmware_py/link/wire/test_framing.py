@@ -98,6 +98,14 @@ def test_modem_may_deliver_the_parts_of_a_frame_seconds_apart(gap_s):
     assert [frame.data for frame in frames] == [data]
 
 
+def test_late_end_of_a_frame_may_be_followed_by_the_start_of_the_next(splitter):
+    first, second = make_frame(1), make_frame(2)
+    assert splitter.feed(first[:10], 0.0) == []
+    assert sequences(splitter.feed(first[10:] + second[:10], 9.0)) == [1]
+    assert splitter.feed(b"", 18.9) == []  # the age counts from the start of the second
+    assert sequences(splitter.feed(second[10:], 18.9)) == [2]
+
+
 @pytest.mark.parametrize(("byte_rate", "late_s"), [(None, 10.0), (57.6, 10.0), (30.0, 18.66)])
 def test_incomplete_frame_is_dropped_when_it_is_late(byte_rate, late_s):
     """On a slow line that is twice the time of the longest frame."""
