@@ -340,7 +340,7 @@ def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
         return _union_visit([part for part in parts if part is not types.NoneType], naming=naming)
     if origin is tuple:
         visits = [_visit_of(part, naming=naming) for part in parts if part is not Ellipsis]
-        return _items_visit(visits, repeated=parts[-1] is Ellipsis) if any(visits) else None
+        return _items_visit(visits, repeated=Ellipsis in parts) if any(visits) else None
     if (
         isinstance(origin, type)
         and issubclass(origin, Mapping)

@@ -2,7 +2,28 @@
 
 import itertools
 
-from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy, failsafe_ladder
+from firmware_py.common.mode_table import (
+    FAILSAFE_MODES,
+    MODES,
+    BaseMode,
+    Mode,
+    Need,
+    RudderBy,
+    StandardMode,
+    failsafe_ladder,
+)
+from support.numbers import assert_mavlink_numbers, assert_stored_numbers
+
+
+def test_modes_have_the_numbers_of_ardupilot_and_mavlink():
+    assert_mavlink_numbers(Mode, "ROVER_MODE_{}")
+    assert_mavlink_numbers(BaseMode, "MAV_MODE_FLAG_{}_ENABLED")
+    assert_mavlink_numbers(StandardMode, "MAV_STANDARD_MODE_{}", NONE="NON_STANDARD")
+
+
+def test_requirements_and_rudder_sources_keep_their_numbers():
+    assert_stored_numbers(Need, "HEADING POSITION MISSION HOME")
+    assert_stored_numbers(RudderBy, "NOTHING STICK HEADING")
 
 
 def test_every_mode_has_a_title_of_at_most_34_characters():

@@ -11,6 +11,7 @@ from firmware_py.cli.parameter_page import markdown
 from firmware_py.common.parameter_row import Kind, ParameterError, to_single
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet, format_file, format_value, parse_file, similar_names
+from support.numbers import assert_mavlink_numbers
 from support.paths import ROOT
 
 
@@ -18,6 +19,10 @@ def test_names_are_short_unique_and_sorted():
     names = [row.name for row in TABLE]
     assert all(1 <= len(name) <= 16 and name.isascii() for name in names)
     assert names == sorted(set(names))
+
+
+def test_types_are_those_of_mavlink():
+    assert_mavlink_numbers(Kind, "MAV_PARAM_TYPE_{}", INTEGER="INT32", REAL="REAL32")
 
 
 def test_default_and_limits_of_each_row_are_valid():

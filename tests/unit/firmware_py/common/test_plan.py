@@ -21,6 +21,7 @@ from firmware_py.common.plan import (
     place_of,
     to_text,
 )
+from support.numbers import assert_mavlink_numbers
 
 singles = st.floats(width=32)
 ints = st.integers(-(2**31), 2**31 - 1)
@@ -79,6 +80,10 @@ def test_place_of_an_item(x, y, place_deg):
     expected = None if place_deg is None else Place(*map(math.radians, place_deg))
     place = place_of(PlanItem(16, x=x, y=y))
     assert place == expected or msgspec.structs.astuple(place) == pytest.approx(msgspec.structs.astuple(expected))
+
+
+def test_kinds_are_the_mission_types_of_mavlink():
+    assert_mavlink_numbers(PlanKind, "MAV_MISSION_TYPE_{}")
 
 
 def test_parameter_of_an_item_is_limited_and_nan_counts_as_0():

@@ -11,9 +11,14 @@ from firmware_py.common.vessels import (
     is_distress_number,
     merge,
 )
+from support.numbers import assert_stored_numbers
 
 ANNA = VesselIdentity(1.0, 7, "ANNA", "DA1", 70, (1, 2, 3, 4))
 NEAR = Vessel(VesselPosition(160.0, 7, VesselKind.CLASS_A, 0.1, 0.2, status=0), beside_s=100.0)
+
+
+def test_stored_kinds_keep_their_numbers():
+    assert_stored_numbers(VesselKind, "CLASS_A CLASS_B BASE_STATION MARK")
 
 
 def test_distress_beacons_have_numbers_that_begin_with_970_972_or_974():
