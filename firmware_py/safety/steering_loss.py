@@ -125,8 +125,8 @@ class SteeringLossState(NamedTuple):
 class Block(NamedTuple):
     """Inputs of a block for all boats: turn, duration, lag of the model, turn per rudder angle, filter gains.
 
-    `keep`: decay of the disturbance. `variance`: of the innovation. `near`: the heading error is small. `side`: sign of
-    the heading error; 0: steered by hand.
+    `keep`: decay of the disturbance. `variance`: of the innovation. `near`: the heading error is small. `error_rad`:
+    heading error; 0: steered by hand.
     """
 
     turned_rad: float
@@ -138,7 +138,7 @@ class Block(NamedTuple):
     disturbance_gain: float
     variance: float
     near: bool
-    side: float
+    error_rad: float
 
 
 def restart_after_gap(state: SteeringLossState) -> SteeringLossState:
@@ -183,10 +183,10 @@ def update(
         return restart_after_gap(state)
     near_s = min(state.near_s + step_s, DISTURBANCE_MEMORY_S) if is_near else state.near_s
     disturbance_variance = disturbance - disturbance_gain * covariance
-    side = 0.0 if is_manual else math.copysign(1.0, error_rad)
     block = Block(
-        turned_rad, step_s, lag_s, turn_per_rudder, decay, heading_gain, disturbance_gain, variance, is_near, side
-    )
+        turned_rad, step_s, lag_s, turn_per_rudder, decay, heading_gain, disturbance_gain, variance, is_near,
+        0.0 if is_manual else error_rad,
+    )  # fmt: skip
     boats = advance_all(state.boats, rudders_rad, state.lost, near_s, block)
     first, disturbance_power_rad2 = boats[0], state.disturbance_power_rad2
     if first.evidence == 0.0 and not state.lost:
@@ -276,7 +276,7 @@ def advance(
         smaller_turn_rad = residual_rad + (turn_ratio - response.min_turn_ratio) * deficit_rad
         no_turn_rad = residual_rad + turn_ratio * deficit_rad
         ratio = 0.5 * (smaller_turn_rad * smaller_turn_rad - no_turn_rad * no_turn_rad) / block.variance
-        if block.near or block.side * rudder_rad < 0.0:
+        if block.near or block.error_rad * rudder_rad < 0.0:
             ratio = min(ratio, 0.0)
     deviation_rad = boat.disturbance_rad - boat.mean_rad
     disturbance_rad = boat.mean_rad + block.keep * deviation_rad + block.disturbance_gain * residual_rad

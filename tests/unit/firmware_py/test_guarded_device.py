@@ -13,10 +13,12 @@ from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
+    FixType,
     HeadingSample,
     NorthReference,
     PositionSample,
     PowerSample,
+    RudderAngleSample,
     RudderCommand,
     RudderFeedback,
     WindReference,
@@ -215,6 +217,27 @@ def samples_of(driver, line, sample):
             VesselIdentity(5.0, 1, dimensions_m=(1, 2, 3, 2**32)),
         ),
         (HeadingSample(-55.0, 1.0, NorthReference.TRUE), HeadingSample(1e300, 1.0, NorthReference.TRUE)),
+        *(
+            (
+                HeadingSample(5.0, 6.28, NorthReference.TRUE, **{name: value}),
+                HeadingSample(5.0, 6.28, 0, **{name: over}),
+            )
+            for name, limit, above in (("roll_rad", 3.14, 3.15), ("pitch_rad", 1.57, 1.58))
+            for value, over in ((limit, above), (-limit, -above))
+        ),
+        *(
+            (PositionSample(5.0, FixType.FIX_3D, *values), PositionSample(5.0, FixType.FIX_3D, *over))
+            for values, over in (
+                ((1.57, 3.14, 0.0, 0.0, 6.28), (1.58, 0.0)),
+                ((-1.57, -3.14, 0.0, 0.0, 0.0), (-1.58, 0.0)),
+                ((0.0, 0.0), (0.0, 3.15)),
+                ((0.0, 0.0), (0.0, -3.15)),
+                ((0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 6.29)),
+                ((0.0, 0.0), (0.0, 0.0, 0.0, 0.0, -0.01)),
+            )
+        ),
+        (RudderAngleSample(5.0, 3.14), RudderAngleSample(5.0, 3.15)),
+        (RudderAngleSample(5.0, -3.14), RudderAngleSample(5.0, -3.15)),
     ],
 )
 def test_values_that_the_log_or_the_autopilot_cannot_use_make_the_device_failed(driver, line, largest, too_large):

@@ -215,6 +215,17 @@ def test_home_is_the_first_fix_until_it_is_set():
         assert tick(5, invalid) == Home(0.1, -0.3, 2.0)
 
 
+@pytest.mark.parametrize(
+    ("kind", "command", "text"), [(PlanKind.MISSION, 16, "item 1: "), (PlanKind.FENCE, 5004, "item 0: ")]
+)
+def test_refused_plan_names_the_item_in_the_count_of_the_operator(kind, command, text):
+    """A ground station counts mission items from 1, because item 0 is home, and those of a fence from 0."""
+    plan = Plan.of(kind, [PlanItem(command, frame=3, params=(math.nan, math.nan, math.nan, math.nan), x=2**31 - 1)])
+    _, answer = accept(State.at_start(ParameterSet()), Request(0.0, ReplacePlan(plan)))
+    assert answer.verdict is Verdict.DENIED
+    assert answer.text.startswith(text)
+
+
 def test_read_only_parameter_is_refused():
     state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
     assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")

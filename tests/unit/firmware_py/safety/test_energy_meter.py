@@ -36,7 +36,8 @@ def test_encoder_noise_is_travel_but_no_reversal():
 @pytest.mark.parametrize(("back_deg", "reversals"), [(0.49, 0), (0.51, 1)])
 def test_movement_of_half_a_degree_in_the_opposite_direction_is_a_reversal(side, back_deg, reversals):
     angles_deg = (0.0, 5.0, 10.0, 10.0 - back_deg, 10.0 - back_deg)
-    assert run(EnergyMeterState(), [side * math.radians(angle) for angle in angles_deg]).reversals == reversals
+    state = run(EnergyMeterState(), [side * math.radians(angle) for angle in angles_deg])
+    assert (state.reversals, state.direction) == (reversals, -side if reversals else side)
 
 
 @pytest.mark.parametrize(("gap_s", "energy_j"), [(-0.1, 10.0), (0.0, 10.0), (1.9, 29.0), (2.1, 10.0), (100.0, 10.0)])

@@ -254,6 +254,14 @@ def test_half_cycle_begins_at_a_fifth_of_the_smallest_error_on_the_other_side(er
     assert later.half == (present if half is None else half)
 
 
+@pytest.mark.parametrize(("error_deg", "side"), [(0.0, 1.0), (0.1, 1.0), (-0.1, -1.0)])
+def test_first_half_cycle_is_a_turn_to_the_side_of_the_error(error_deg, side):
+    inputs = INPUTS._replace(error_rad=rad(error_deg), goal_rad=1.0)
+    later = update(MODEL, OscillationState(), inputs, 50.0)
+    assert later.half == NO_HALF._replace(begun_s=50.0, side=side, goal_rad=1.0, is_turn=True)
+    assert (later.goal_rad, later.updated_s) == (1.0, 50.0)
+
+
 @pytest.mark.parametrize(
     ("rudder_deg", "goal_deg", "counts"), [(2.1, 0.7, True), (1.9, 0.7, False), (2.1, 0.8, False), (2.1, -0.8, False)]
 )

@@ -38,7 +38,7 @@ class Boat:
 
 
 @pytest.mark.parametrize(
-    ("share", "reported_s"), [(-0.45, None), (-0.55, 36.0), (-1.0, 36.0), (0.0, None), (1.0, None)]
+    ("share", "reported_s"), [(-0.49, None), (-0.51, 36.0), (-1.0, 36.0), (0.0, None), (1.0, None)]
 )
 def test_opposite_turn_of_more_than_half_is_reversed(share, reported_s):
     """Reported 20 s after the first 16 s, in which the response may be late."""
