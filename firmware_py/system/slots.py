@@ -121,7 +121,7 @@ def _read_slot(path: Path, number: int, max_bytes: int, owner_uid: int | None) -
     except (FileNotFoundError, NotADirectoryError):  # the second is reported as an error of the directory
         return _Slot(number, SlotCondition.ABSENT)
     except OSError as error:
-        return _Slot(number, SlotCondition.UNREADABLE, reason=error.strerror or "")
+        return _Slot(number, SlotCondition.UNREADABLE, reason=str(error.strerror))
     if wrong_uid is not None:
         return _Slot(number, SlotCondition.UNREADABLE, reason=f"it belongs to user {wrong_uid}")
     if data.startswith(_EMPTY):

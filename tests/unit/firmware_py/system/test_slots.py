@@ -77,6 +77,8 @@ def test_unreadable_slots_are_replaced_by_the_first_version(writer, tmp_path, un
     """Otherwise their content would be used when they are readable again."""
     for slot in unreadable:
         os.mkfifo(tmp_path / f"a.{slot}")
+    problems = [f"a.{slot} cannot be read (is a pipe, not a regular file)" for slot in unreadable]
+    assert examine(tmp_path, "a") == Stored(damage=", ".join(problems))
     writer.write("a", b"new")
     assert sequence_of(tmp_path / f"a.{written}") == 1
     assert {path.name for path in tmp_path.iterdir()} == {

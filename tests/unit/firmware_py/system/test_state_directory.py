@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, to_text
 from firmware_py.common.records import Stored
 from firmware_py.system.slots import SlotWriter
@@ -68,7 +69,9 @@ def test_boot_count_is_stored_with_the_other_values():
     assert sorted(store.saved["parameters.param"].decode().splitlines()) == ["CTL_K1 3", "FUTURE 1", "STAT_BOOTCNT 8"]
     store = FakeStore()
     directory = StateDirectory(store, pytest.fail)
+    assert directory.apply_parameters(ParameterSet()) == ParameterSet()
     directory.count_start()
+    assert directory.apply_parameters(ParameterSet()) == ParameterSet().replaced("STAT_BOOTCNT", 1.0)
     assert store.saved["parameters.param"].split() == [b"STAT_BOOTCNT", b"1"]
     assert directory.inventory(Plans().replaced(plan(PlanKind.FENCE, 2))) == (
         "1 parameters, mission of 0 items, fence of 2 items, rally of 0 items"
@@ -124,6 +127,14 @@ def test_stored_plan_that_is_not_valid_is_reported_and_left_out():
         "stored fence.plan ignored: item 0: NAV_WAYPOINT is not known in a fence plan",
         "stored rally.plan ignored: it is a mission",
     ]
+
+
+def test_differences_of_a_stored_plan_are_reported():
+    content = to_text(plan(PlanKind.MISSION)).replace('"plan"', '"tide":1,"plan"')
+    texts = []
+    assert load_plans(FakeStore(mission_plan=content.encode()), texts.append).mission == plan(PlanKind.MISSION)
+    assert len(texts) == 1
+    assert texts[0].startswith("stored mission.plan: ")
 
 
 def test_state_is_read_without_its_lock(tmp_path):
