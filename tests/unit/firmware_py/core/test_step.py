@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.intents import (
     Arm,
@@ -177,6 +178,18 @@ def test_fix_after_more_than_a_minute_of_dead_reckoning_is_reported(armed, gap_s
     assert (
         [text for text in texts if text.startswith("GPS recovered after 1 min: position error")] != []
     ) is is_reported
+
+
+@pytest.mark.parametrize(("armed", "used_until_s", "reports"), [(1, 61.0, 1), (0, 99.0, 0)])
+def test_stuck_position_is_reported_and_not_used_while_armed(armed, used_until_s, reports):
+    """A velocity of 0.5 m/s has moved the boat by more than 30 m after a minute."""
+    state, texts = State.at_start(ParameterSet().replaced("BOOT_ARM", armed)), []
+    for second in range(100):
+        fix = replace(FIX, t_s=float(second), speed_over_ground_m_s=0.5, course_over_ground_rad=0.0)
+        state, output = step(state, Inputs(Tick(second, float(second), 0.0, 0, 1.0), positions=(fix,)))
+        texts += [event.text for event in output.events]
+    assert state.position.fix.t_s == used_until_s
+    assert texts.count("GPS position unchanged for 1 min: static hold?") == reports
 
 
 def test_boot_arm_and_boot_mode_set_the_initial_state():
