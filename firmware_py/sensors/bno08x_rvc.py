@@ -111,7 +111,7 @@ class Bno08xRvc:
     def __init__(self, line: ByteLine, options: Bno08xRvcOptions) -> None:
         """Store line and options."""
         self._line = line
-        self._frames_per_sample = max(1, round(FRAME_RATE_HZ / options.rate_hz))
+        self._frames_per_sample = round(FRAME_RATE_HZ / options.rate_hz)
         self._sign = 1.0 if options.clockwise else -1.0
         self._receiver = PacketReceiver(line, create_framer)
         self._monitor = self._receiver.monitor
