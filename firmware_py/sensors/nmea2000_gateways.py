@@ -135,7 +135,7 @@ ANY_LINE = re.compile(rb"\d\d:\d\d:\d\d\.\d{3} ([RT]) ([01][0-9A-F]{7})((?: [0-9
 
 def _hex_pattern(pgn: int) -> bytes:
     """Return the pattern of the second to sixth digit of the CAN identifiers of a PGN."""
-    page, pdu_format = pgn >> 16 & 3, pgn >> 8 & 0xFF
+    page, pdu_format = pgn >> 16, pgn >> 8 & 0xFF
     digits = b"".join(b"%X" % (priority << 2 | page) for priority in range(4))
     specific = b"%02X" % (pgn & 0xFF) if pdu_format >= 0xF0 else b"[0-9A-F]{2}"
     return b"[%b]%02X%b" % (digits, pdu_format, specific)

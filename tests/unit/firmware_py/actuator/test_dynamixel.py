@@ -349,7 +349,7 @@ def test_shutdown_is_reported_and_rebooted(running, servo, line, error, name):
     assert (health.state, health.text) == (DeviceState.FAULTY, f"servo error: {name}, torque cut")
     assert (servo.reboots, servo.ram_writes.count((64, 1))) == (0, 1)
     assert_follows(running, 30, 9.0)
-    assert servo.reboots == 1
+    assert (servo.reboots, running.health().rejected) == (1, health.rejected)
     reboot = [frame[7] for frame in line.written].index(frames.REBOOT)
     assert line.written[reboot + 1] == frames.read(1, 8, 6)  # all registers are read again
 

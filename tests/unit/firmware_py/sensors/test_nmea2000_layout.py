@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.sensors import nmea2000_table
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea2000_layout import read_numbers, read_texts
 from firmware_py.sensors.nmea2000_table import LAYOUTS
@@ -49,7 +50,7 @@ def test_table_is_that_of_the_database():
     assert generated == (ROOT / "firmware_py" / "sensors" / "nmea2000_table.py").read_text()
     names = {}
     exec(generated, names)
-    assert names["LAYOUTS"] == LAYOUTS
+    assert names["LAYOUTS"] == nmea2000_table.LAYOUTS
 
 
 def test_extract_has_the_messages_of_a_complete_database():
