@@ -98,17 +98,16 @@ class Configurator:
         self.torque_on: bool | None = None  # as last read; None: not known
         self.hardware_error = 0  # the bits as last read
         self.image: dict[table.Block, bytes] = {}
-        self.is_complete = False  # result of the last next_request(): the rudder can be used
-        self.has_failed = False  # an essential read or correction has failed and is paused
-        self.problem = ""  # text of the last error or failure
+        self.reset()
 
     def reset(self) -> None:
         """Discard all knowledge of the servo."""
         self.forget(*self.image)
         self._attempts.clear()
         self._paused_until_s.clear()
-        self.problem = ""
-        self.is_complete = self.has_failed = False
+        self.problem = ""  # text of the last error or failure
+        self.is_complete = False  # result of the last next_request(): the rudder can be used
+        self.has_failed = False  # an essential read or correction has failed and is paused
 
     def forget(self, *blocks: table.Block) -> None:
         """Discard blocks, so that they are read again."""

@@ -147,7 +147,7 @@ class StatusParser:
         size = _HEAD_SIZE + length
         # A header before the CRC shows that this packet is truncated: the rest belongs to the next one.
         next_header = buffer.find(HEADER, start + _HEAD_SIZE, min(start + size - _CRC_SIZE, len(buffer)))
-        if next_header >= 0:
+        if next_header != -1:
             self.rejected += 1
             return next_header - start
         if available < size:

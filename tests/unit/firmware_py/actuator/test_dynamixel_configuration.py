@@ -52,6 +52,20 @@ def test_failed_corrections_begin_again_on_a_reopened_line(conversation, correct
         assert conversation.servo.condition(has_replied=True) == (DeviceState.STARTING, "model 1170, firmware 47")
 
 
+def test_registers_from_before_a_correction_are_not_used(conversation, servo):
+    """The reply to the read is late."""
+    conversation.run(1.0)
+    driver, read = conversation.servo, read_request(1, table.STATE)
+    (late_reply,) = driver.parser.feed(servo.handle(read.frame))
+    driver.command(0.1, 1.2, torque_on=False)
+    correction = driver.next_request(1.2)
+    driver.note_sent(correction, 1.2)
+    (reply,) = driver.parser.feed(servo.handle(correction.frame))
+    driver.process_reply(correction, reply, 1.2, is_certain=True)
+    driver.process_reply(read, late_reply, 1.1, is_certain=True)
+    assert (correction.name, driver.next_request(1.2).block) == (TORQUE, table.STATE)
+
+
 @pytest.mark.parametrize(
     ("code", "text"),
     [(1, "result fail"), (2, "instruction error"), (3, "CRC error"), (4, "range error"), (5, "length error"),
@@ -119,6 +133,20 @@ def test_combined_read_every_half_second_if_half_a_period_is_long_enough(last_s,
     assert not readings.is_combined_due()
     readings.note_command(last_s)
     assert readings.is_combined_due() is is_due
+
+
+def test_state_and_watchdog_alternate_every_quarter_second_and_later_if_there_is_no_time():
+    readings = Readings(1, 0.04)
+    for now_s in (-1.0, 0.0):
+        readings.note_command(now_s)  # readings are early until 0.5 s
+    names = []
+    for now_s in (0.0, 0.0, 0.24, 0.25, 0.49, 0.5, 0.75, 2.49, 2.5, 2.99, 3.0, 3.25):
+        request = readings.next_request(now_s)
+        names.append(request and request.name)
+        if request is not None:
+            readings.note_sent(request, now_s)
+    expected = ["telemetry", "state", None, WATCHDOG, None, "state", None, None, "telemetry", None, None, WATCHDOG]
+    assert names == expected
 
 
 @pytest.mark.parametrize(("losses", "is_due"), [(2, True), (3, False)])

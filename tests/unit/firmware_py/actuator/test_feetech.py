@@ -425,6 +425,11 @@ def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fa
     assert not rudder.needs_prompt_io()
     rudder.command(RudderCommand(0.1, False), 1.02)
     assert rudder.needs_prompt_io()
+    for _ in range(3):  # torque, state, reading
+        line.inbox += servo.handle(line.written[-1])
+        rudder.receive(1.021)
+    assert line.written[-1][4:6] == bytes((2, 40))
+    assert not rudder.needs_prompt_io()  # without torque no goal is due
 
 
 def test_settings_are_read_again_while_no_state_is_received(rig, servo):

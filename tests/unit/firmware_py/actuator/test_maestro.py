@@ -354,6 +354,15 @@ def test_errors_are_read_every_second(conversation, maestro):
         assert maestro.commands.count(0xA1) == count
 
 
+def test_errors_are_read_early_in_a_tick_or_when_they_are_overdue(conversation):
+    conversation.run(1.0)
+    servo = conversation.servo
+    for command_s in (1.5, 2.25):  # early until 2.625 s
+        servo.command(0.1, command_s, torque_on=True)
+    servo.note_sent(servo.next_request(2.25), 2.25)
+    assert [servo.next_request(now_s) is not None for now_s in (2.625, 2.7, 2.874, 2.875)] == [True, False, False, True]
+
+
 def test_error_is_reported_for_ten_seconds_and_a_position_is_recent_for_one_and_a_half(conversation, maestro):
     def state_and_text(now_s):
         conversation.servo.command(0.1, now_s, torque_on=True)

@@ -18,8 +18,9 @@ DAMAGED = INFO[:-1] + b"\x00"
         ([b"hello" + INFO + b"\xff"], [(0, 5, "malformed"), (5, 5, INFO), (10, 1, "malformed")]),
         ([DAMAGED + DATA + DAMAGED], [(0, 5, "checksum"), (5, 5, DATA), (10, 5, "checksum")]),
         ([INFO, DATA[:4]], [(0, 5, INFO), (5, 4, "checksum")]),
+        ([b"hello" + INFO[:4], INFO[4:]], [(0, 5, "malformed"), (5, 5, INFO)]),
     ],
-    ids=["empty", "packets", "noise", "damaged", "truncated"],
+    ids=["empty", "packets", "noise", "damaged", "truncated", "in two parts"],
 )
 def test_stream_is_split_into_packets_and_skipped_bytes(chunks, packets):
     framer = pni_protocol.create_framer()

@@ -80,7 +80,7 @@ def test_options_are_checked():
         ({"flags": UNINITIALIZED}, "heading not valid: estimator not ready"),
         ({"flags": 0xFFFF - (1 << 10)}, ""),
         ({"ratio": 1.01}, "heading not valid: magnetometer rejected"),
-        ({"ratio": 0.99}, ""),
+        ({"ratio": 1.0}, ""),
         ({"ratio": math.nan}, ""),
     ],
 )
@@ -104,11 +104,12 @@ def test_status_of_px4(line, status, is_valid):
 def test_no_heading_before_the_first_status_and_after_a_silent_one(rig):
     assert rig.headings(1.0, rig.board.attitude()) == []
     assert rig.health(1.0) == (DeviceState.RUNNING, "")
-    assert rig.headings(3.9, rig.board.attitude()) == []
+    assert rig.headings(4.0, rig.board.attitude()) == []
+    assert rig.health(4.0) == (DeviceState.RUNNING, "")
     assert rig.headings(4.01, rig.board.attitude()) == []
     assert rig.health(4.01) == (DeviceState.FAULTY, "heading not valid: no estimator status")
     assert rig.headings(5.0, rig.board.ekf(), rig.board.attitude()) == [98.5]
-    assert rig.headings(7.9, rig.board.attitude()) == [98.5]
+    assert rig.headings(8.0, rig.board.attitude()) == [98.5]
     assert rig.headings(8.01, rig.board.attitude()) == []
 
 

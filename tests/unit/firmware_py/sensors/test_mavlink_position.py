@@ -118,12 +118,13 @@ def test_repeated_measurement_gives_no_sample(rig):
 def test_time_is_extrapolated_for_three_seconds(rig):
     rig.fixes(1.0, system_time())
     assert rig.fixes(1.5, gps(time_us=1))[0].utc_s == pytest.approx(UTC_S + 0.5, abs=1e-5)
-    assert rig.fixes(3.9, gps(time_us=2))[0].utc_s == pytest.approx(UTC_S + 2.9, abs=1e-5)
+    assert rig.fixes(4.0, gps(time_us=2))[0].utc_s == pytest.approx(UTC_S + 3.0, abs=1e-5)
     assert rig.fixes(4.01, gps(time_us=3))[0].utc_s is None
 
 
 @pytest.mark.parametrize(
-    ("utc_s", "is_used"), [(0.0, False), (946_684_799.0, False), (946_684_801.0, True), (4_102_444_801.0, False)]
+    ("utc_s", "is_used"),
+    [(0.0, False), (946_684_799.0, False), (946_684_800.0, True), (4_102_444_800.0, True), (4_102_444_801.0, False)],
 )
 def test_clock_that_is_not_set_is_not_used(rig, utc_s, is_used):
     assert (rig.fixes(1.0, system_time(utc_s), gps())[0].utc_s is not None) == is_used
@@ -143,7 +144,7 @@ def test_estimator_is_used_while_the_receiver_has_a_fix(line):
     assert fix.altitude_m == pytest.approx(0.5)
     assert fix.speed_over_ground_m_s == pytest.approx(0.5)
     assert math.degrees(fix.course_over_ground_rad) == pytest.approx(306.8699)
-    assert rig.fixes(3.9, estimate())[0].fix is FixType.DGPS
+    assert rig.fixes(4.0, estimate())[0].fix is FixType.DGPS
     assert rig.fixes(4.01, estimate())[0].fix is FixType.NONE
     assert rig.fixes(4.2, gps(1, time_us=2), estimate())[0].fix is FixType.NONE
     assert rig.fixes(4.3, gps(3, time_us=3), estimate(lat=91.0)) == ()

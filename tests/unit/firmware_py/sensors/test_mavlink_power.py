@@ -80,7 +80,7 @@ def test_summary_is_used_while_there_is_no_battery_message(rig):
     assert (sample.voltage_v, sample.current_a) == (pytest.approx(12.7), pytest.approx(0.5))
     assert (sample.charge, sample.temperature_c) == (pytest.approx(0.66), None)
     assert len(rig.samples(2.0, battery(), summary())) == 1
-    assert rig.samples(6.9, summary()) == ()
+    assert rig.samples(7.0, summary()) == ()
     assert len(rig.samples(7.01, summary())) == 1
 
 
@@ -109,7 +109,7 @@ def test_requested_messages_and_silence(rig):
     assert {message.get_srcComponent() for message in decode_all(rig.line.written)} == {193}
     assert rig.power.health(0.1).text == "connected, no battery yet"
     rig.samples(1.0, battery())
-    assert rig.power.health(5.9).state is DeviceState.RUNNING
+    assert rig.power.health(6.0).state is DeviceState.RUNNING
     assert rig.power.health(6.01).state is DeviceState.SILENT
 
 
