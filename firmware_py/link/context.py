@@ -120,11 +120,11 @@ class LinkContext:
         """Queue a message to one peer."""
         peer.outbox.push(self.codec.pack(message), priority)
 
-    def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, requester: Peer | None = None) -> None:
-        """Queue a message to the requester and to all active peers except satellite peers."""
+    def send_all(self, message: Message, priority: Priority = Priority.REPLY) -> None:
+        """Queue a message to all active peers except satellite peers."""
         packed = self.codec.pack(message)
         for peer in self.peers:
-            if peer is requester or not peer.is_satellite:
+            if not peer.is_satellite:
                 peer.outbox.push(packed, priority)
 
     def flush_all(self) -> None:

@@ -30,7 +30,6 @@ _OVERLOAD = f"Routing overload: over {MAX_RATE_HZ:g} messages/s, some dropped"
 _MAVLINK2, _HEADER2_BYTES, _HEADER1_BYTES = 0xFD, 10, 6
 
 Address = tuple[int, int]  # MAVLink system and component
-ALL: Address = (0, 0)
 
 
 class Router:

@@ -260,6 +260,24 @@ def test_sixteen_frames_of_signed_messages_are_marked(later_frames, is_verified)
     assert gate.refused_frames == 3
 
 
+def test_exposed_open_link_is_reported_at_start(make_rig, texts):
+    reports = ["Open link: anyone on memory can command; set a signing key"]
+    for options, exposed, key, expected in [
+        ("policy=auto", True, False, reports),
+        ("policy=auto", False, False, []),
+        ("policy=auto", True, True, []),
+        ("policy=open", True, True, reports),
+        ("policy=signed-only", True, False, []),
+        ("trusted=1", True, False, []),
+    ]:
+        vault = make_rig().vault
+        if key:
+            vault.save(b"key %s\ntimestamp 1\n" % KEY.hex().encode())
+        rig = make_rig(vault=vault, options=parse_options(options), is_exposed=exposed)
+        assert [event.text for event in rig.endpoint.start_events] == expected
+        assert texts(rig.tick()) == expected
+
+
 # The messages that only request data for their sender; all others, also those of later versions, are commands.
 READING = {0, 4, 20, 21, 37, 40, 43, 47, 51, 66, 109, 111, 117, 119, 122, 320, 321}
 

@@ -33,8 +33,12 @@ def system_time(rig, *, behind_s=0.0, clock_s=0.0, started_s=0.0):
     "other", [{"started_s": 2.1}, {"started_s": -60.5, "clock_s": -60.5}, {"clock_s": 2.1}, {"clock_s": -2.1}]
 )
 def test_vehicle_with_other_clocks_is_reported_every_ten_minutes(rig, twin, other):
+    rig.now_s = 128.0
     assert [twin(system_time(rig, **other)) for _ in range(5)] == [[], [], [], [], [NOTICE]]
-    assert [twin(system_time(rig, **other), every_s=100.0) for _ in range(7)] == [[]] * 6 + [[NOTICE]]
+    for now_s, reports in ((731.9, []), (732.0, [NOTICE])):
+        rig.utc_s += now_s - rig.now_s
+        rig.now_s = now_s
+        assert twin(system_time(rig, **other), every_s=0.0) == reports
 
 
 def test_vehicle_of_another_type_is_detected(twin):

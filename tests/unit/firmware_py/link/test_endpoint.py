@@ -23,7 +23,6 @@ from firmware_py.faults.table import TABLE, Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
-from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 
 def test_first_heartbeat_is_sent_at_once_with_mode_initialising(make_rig, of):
@@ -101,16 +100,6 @@ def test_losses_before_the_start_are_reported_to_every_later_peer(make_rig, text
         *(event.text for event in lost),
         *(f"warning {number}" for number in range(15, 20)),
     ]
-
-
-@pytest.mark.parametrize(
-    ("link_class", "expected"), [("FAST", ["warning", "notice"]), ("MESSAGES", ["warning"]), ("SATELLITE", [])]
-)
-def test_paid_links_get_only_warnings_or_nothing(make_rig, texts, link_class, expected):
-    rig = make_rig(options=LinkOptions(link_class=LinkClass[link_class]))
-    rig.tick()
-    events = [Event(Severity.WARNING, "warning"), Event(Severity.NOTICE, "notice")]
-    assert texts(rig.tick(events=events)) == expected
 
 
 def test_events_per_tick_are_limited(rig, texts):

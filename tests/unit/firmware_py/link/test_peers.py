@@ -421,46 +421,6 @@ def test_radio_status_is_accepted_on_a_line_only(keyed, byte_rate):
     assert rig.endpoint._gate.refused_frames == 0
 
 
-def test_exposed_open_link_is_reported_at_start(make_rig, texts):
-    reports = ["Open link: anyone on memory can command; set a signing key"]
-    for options, exposed, key, expected in [
-        ("policy=auto", True, False, reports),
-        ("policy=auto", False, False, []),
-        ("policy=auto", True, True, []),
-        ("policy=open", True, True, reports),
-        ("policy=signed-only", True, False, []),
-        ("trusted=1", True, False, []),
-    ]:
-        vault = make_rig().vault
-        if key:
-            vault.save(b"key %s\ntimestamp 1\n" % KEY.hex().encode())
-        rig = make_rig(vault=vault, options=parse_options(options), is_exposed=exposed)
-        assert [event.text for event in rig.endpoint.start_events] == expected
-        assert texts(rig.tick()) == expected
-
-
-@pytest.mark.parametrize(("armed", "first"), [(True, [*["PARAM_VALUE"] * 2, "HEARTBEAT"]), (False, ["HEARTBEAT"])])
-def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
-    """MAVProxy evaluates them then, before it requests anything, and would report that they are disabled."""
-    rig = make_rig(addresses=())
-    rig.tick(armed=armed)
-    replies = rig.tell(BEAT, address="station")
-    assert kinds(replies) == first
-    checks = [(value.param_id, value.param_value) for value in replies[:-1]]
-    assert checks == ([("ARMING_CHECK", 1.0), ("ARMING_SKIPCHK", 0.0)] if armed else [])
-    replies = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
-    assert kinds(replies).count("PARAM_VALUE") == 0
-
-
-def test_silent_peer_is_sent_arming_checks_before_each_heartbeat(rig, of):
-    """On a link that the boat opens itself, a station may start or restart at any time."""
-    kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
-    assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
-    rig.tell(BEAT)
-    assert of(rig.ticks(20), "PARAM_VALUE") == []
-    assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2
-
-
 def test_blocked_link_is_reported_once_over_the_other_links(rig, texts):
     rig.tick()
     reports = []

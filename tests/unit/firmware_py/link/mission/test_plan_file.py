@@ -97,6 +97,7 @@ def test_invalid_file_is_refused(content, reason):
     problem = unpack(content, PlanKind.MISSION, 1)
     assert isinstance(problem, PlanProblem)
     assert reason in problem.text
+    assert problem.index in (None, 0)
     assert problem.result is not PlanResult.ACCEPTED
 
 

@@ -157,6 +157,7 @@ def test_client_connects_to_a_server_that_starts_later_and_reconnects(client, cl
         assert receive(client) == []
         assert client.addresses() == ()
     assert numbers[0] != numbers[1]
+    assert client.host(numbers[1]) == numbers[1]
     assert (client.is_datagram, client.is_exposed, client.has_radio_rates, client.connections()) == (False,) * 3 + ((),)
 
 
