@@ -238,6 +238,19 @@ def test_silent_target_is_looked_up_again(open_udp, monkeypatch):
     assert transport.addresses() == (("127.0.0.3", 14550),)
 
 
+@pytest.mark.parametrize("kind", ["udpout", "tcpout"])
+def test_lookup_thread_ends_with_the_transport(monkeypatch, kind):
+    names, before = NameServer(monkeypatch, "127.0.0.2"), set(threading.enumerate())
+    transport = open_transport(f"{kind}:station.example:14550", None)
+    (thread,) = set(threading.enumerate()) - before
+    assert thread.daemon
+    transport.close()
+    thread.join(5.0)
+    assert not thread.is_alive()
+    assert names.queries == 1
+    assert all(descriptor < 0 for descriptor in transport.descriptors())
+
+
 def test_target_that_sends_or_has_no_name_is_not_looked_up(open_udp, monkeypatch, station):
     names = NameServer(monkeypatch, "127.0.0.1")
     transport = open_udp("udpout:station.example:9")
