@@ -71,13 +71,24 @@ def save_passed(tree, program):
     store.close()
 
 
-def test_update_roll_back_and_update(tree, run_update):
+def test_update_roll_back_and_update(tree, run_update, monkeypatch):
+    checked = []
+    monkeypatch.setattr(environment, "check_free_space", lambda new, _wheels: checked.append(new.path))
+    previous_umask = os.umask(0o077)
     code, output = run_update()
-    assert code == 0
-    assert "9.9.9 (git abcd1234), hashes correct" in output
-    assert "on trial for 3 starts" in output
+    assert os.umask(previous_umask) == 0o077
     forward = installed_name(tree)
     assert re.fullmatch(r"rambler-9\.9\.9-[0-9a-f]{8}", forward)
+    path = tree / "opt" / forward
+    assert path.stat().st_mode & 0o777 == 0o755  # the user of the service may read it
+    assert (code, checked) == (0, [path])
+    assert output.splitlines()[:5] == [
+        "new.bundle: 9.9.9 (git abcd1234), hashes correct, signature not required",
+        f"creating {path}: takes some minutes on a slow board",
+        "tried",
+        f"{tree}/bin/rambler points to {path}/bin/rambler, on trial for 3 starts",
+        "no autopilot runs; the next start of the service uses it (sudo systemctl start rambler); waiting",
+    ]
     assert "is on trial (0 starts so far)" in run_update()[1]
     assert run_update("--back")[0] == 0
     assert installed_name(tree) == "rambler"

@@ -168,6 +168,7 @@ def lockstep(tmp_path):
         lambda: bool(settle_calls and settle_calls.pop(0)()),
         lambda: fed,
     )
+    clock._socket.settimeout(10.0)  # a test fails instead of waiting for ever
     clock.settle_calls, clock.fed = settle_calls, fed
     thread.join()
     yield clock, connections[0]
@@ -312,10 +313,27 @@ def test_in_lockstep_the_disk_takes_no_time(lockstep):
 def test_a_closed_connection_is_an_error(lockstep):
     clock, hil = lockstep
     hil.close()
-    with pytest.raises(ClockError, match="HIL"):
+    with pytest.raises(ClockError, match="connection to the HIL lost: Broken pipe"):
         clock.wait(4.0, [])
 
 
+def test_the_end_of_the_hil_is_an_error(lockstep):
+    clock, hil = lockstep
+    thread = threading.Thread(target=lambda: (hil.recv(64), hil.close()))
+    thread.start()
+    with pytest.raises(ClockError, match="the HIL has ended the run"):
+        clock.wait(4.0, [])
+    thread.join()
+
+
+def test_the_end_of_the_autopilot_closes_the_connection(lockstep):
+    clock, hil = lockstep
+    clock.close()
+    assert hil.recv(64) == b""
+
+
 def test_a_missing_hil_is_an_error(tmp_path):
-    with pytest.raises(ClockError, match="is the HIL running"):
+    open_count = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(ClockError, match=r"none: No such file or directory; is the HIL running"):
         LockstepClock(str(tmp_path / "none"), [], list)
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_count

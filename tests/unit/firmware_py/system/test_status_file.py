@@ -2,6 +2,7 @@
 
 import json
 import os
+import pwd
 import stat
 from pathlib import Path
 
@@ -70,6 +71,7 @@ def test_the_last_status_is_found_by_any_path_of_the_state_directory(memory, sta
         file.write(content(state, mode=mode))
     status = find_status(tmp_path / "link", NOW_S + 1.0, (memory,))
     assert (status.freshness, status.content["mode"], status.age_s) == (Freshness.RUNNING, "AUTO", 1.0)
+    assert (status.content["user"], status.reason) == (pwd.getpwuid(os.geteuid()).pw_name, "")
     assert [path.name for path in memory.iterdir()] == [file_name(state)]
     assert stat.S_IMODE((memory / file_name(state)).stat().st_mode) & ~0o640 == 0
     assert list(find_all_statuses(NOW_S, (memory,))) == [file_name(state)]
@@ -159,6 +161,30 @@ def test_a_file_that_is_not_a_status_is_reported(memory, state, data):
     status = find_status(state, NOW_S, (memory,))
     assert status.freshness is Freshness.ABSENT
     assert file_name(state) in status.reason
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(1, "Operation not permitted"), ProcessLookupError(3, "No such process")]
+)
+def test_a_process_of_another_user_is_running(memory, state, monkeypatch, error):
+    def fail(*_arguments):
+        raise error
+
+    StatusFile(state, (memory,)).write(content(state))
+    monkeypatch.setattr(os, "kill", fail)
+    freshness = Freshness.RUNNING if isinstance(error, PermissionError) else Freshness.STALE
+    assert find_status(state, NOW_S, (memory,)).freshness is freshness
+
+
+def test_a_status_that_this_user_may_not_read_has_a_remedy(memory, state, monkeypatch):
+    def fail(*_arguments, **_options):
+        raise PermissionError(13, "Permission denied")
+
+    StatusFile(state, (memory,)).write(content(state))
+    monkeypatch.setattr("firmware_py.system.status_file.read_regular", fail)
+    status = find_status(state, NOW_S, (memory,))
+    assert (status.freshness, status.is_refused) == (Freshness.ABSENT, False)
+    assert status.reason.endswith(": Permission denied; use an account of its group")
 
 
 @needs_root
