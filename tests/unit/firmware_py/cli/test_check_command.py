@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.cli import check as command
 from firmware_py.cli import preflight
 from firmware_py.cli.bench_session import BenchDevice
 from firmware_py.cli.check import check_device
@@ -127,7 +128,7 @@ def test_silent_device_names_what_to_check(driver, port, text, expected):
 
 @pytest.mark.parametrize(
     ("roll_deg", "pitch_deg", "level"),
-    [(None, None, Level.PASS), (-44.0, 44.0, Level.PASS), (-46.0, 0.0, Level.WARN), (0.0, 46.0, Level.WARN)],
+    [(None, None, Level.PASS), (-45.0, 45.0, Level.PASS), (-46.0, 0.0, Level.WARN), (0.0, 46.0, Level.WARN)],
 )
 def test_boat_that_seems_to_lie_on_its_side_is_a_warning_about_the_mounting(roll_deg, pitch_deg, level):
     roll_rad, pitch_rad = (None if angle is None else math.radians(angle) for angle in (roll_deg, pitch_deg))
@@ -202,10 +203,11 @@ def test_running_autopilot_is_a_warning(check, monkeypatch):
     ("free_mb", "logs_mb", "level", "word"),
     [
         (0.9, 0.0, "fail", "LOG_FREE_MB"),
-        (1.1, 0.0, "warn", "LOG_KEEP_MB"),
+        (1.0, 0.0, "warn", "LOG_KEEP_MB"),
         (2.9, 0.0, "warn", "LOG_KEEP_MB"),
-        (3.1, 0.0, "pass", "free"),
-        (0.5, 1.4, "fail", "LOG_FREE_MB"),
+        (3.0, 0.0, "pass", "free"),
+        (1.0, 2.0, "pass", "free"),
+        (0.5, 1.5, "fail", "LOG_FREE_MB"),
         (0.5, 1.6, "warn", "LOG_KEEP_MB"),  # old logs can be deleted
     ],
 )
@@ -218,7 +220,7 @@ def test_free_space_and_logs_are_compared_with_the_limits(check, state, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("sync_s", "level"), [(0.19, Level.PASS), (0.21, Level.WARN), (0.99, Level.WARN), (1.01, Level.FAIL)]
+    ("sync_s", "level"), [(0.2, Level.PASS), (0.21, Level.WARN), (1.0, Level.WARN), (1.01, Level.FAIL)]
 )
 def test_level_of_storage_depends_on_the_write_time(state, monkeypatch, sync_s, level):
     times_s = iter((0.0, sync_s))
@@ -372,6 +374,33 @@ def modem_pty():
     threads[0].join()
     os.close(slave)
     os.close(master)
+
+
+@pytest.mark.parametrize(("reply_s", "level", "waited_s"), [(11.9, Level.PASS, 11.9), (99.0, Level.FAIL, 12.0)])
+def test_modem_has_twelve_seconds_for_its_reply(monkeypatch, reply_s, level, waited_s):
+    now_s, polls_s = [100.0], []
+
+    def sleep(seconds):
+        now_s[0] += seconds
+
+    modem = SimpleNamespace(
+        poll=polls_s.append, receive=lambda _descriptor: None, descriptors=lambda: [7],
+        satellite_status=lambda at_s: SimpleNamespace(imei="1" if at_s - 100.0 > reply_s - 0.001 else ""),
+    )  # fmt: skip
+    monkeypatch.setattr(preflight, "machine_s", lambda: now_s[0])
+    monkeypatch.setattr(preflight, "time", SimpleNamespace(sleep=sleep))
+    assert preflight._check_modem("sbd:x", modem).level is level
+    assert (polls_s[1], now_s[0]) == (pytest.approx(100.05), pytest.approx(100.0 + waited_s, abs=0.06))
+
+
+def test_devices_are_read_for_three_seconds(monkeypatch):
+    calls = []
+    session = SimpleNamespace(
+        devices=[], close=lambda: calls.append("close"), listen=lambda seconds: calls.append(seconds) or ()
+    )
+    monkeypatch.setattr(command, "BenchSession", lambda _vehicle: session)
+    assert list(command._check_devices(None)) == []
+    assert calls == [3.0, "close"]
 
 
 @pytest.mark.parametrize(("replies", "level"), [(True, "pass"), (False, "fail")])

@@ -74,6 +74,18 @@ def test_key_is_set_and_removed_and_only_its_state_is_shown(directory, set_input
     assert not any(KEY.hex().encode() in path.read_bytes() for path in paths)
 
 
+def test_passphrase_has_up_to_1024_bytes(directory, set_input):
+    set_input(b"x" * 1024)
+    assert main(["key", "set", "--state", str(directory)]) == 0
+    assert stored_key(directory) == sha256(b"x" * 1024).digest()
+
+
+def test_damage_of_one_slot_is_named(directory_with_key, capsys):
+    (directory_with_key / "signing.key.1").write_bytes(b"spoilt")
+    assert main(["key", "show-state", "--state", str(directory_with_key)]) == 0
+    assert capsys.readouterr().out == f"{directory_with_key}: present: signing.key.1 is damaged\n"
+
+
 @pytest.mark.parametrize("data", [b"two words", b"two words\n", b"two words\r\n"])
 def test_passphrase_is_read_from_file_or_standard_input(data, directory, set_input, tmp_path):
     set_input(data)
