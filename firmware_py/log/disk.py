@@ -122,9 +122,9 @@ class LocalDisk:
         logs = [_FileStatus.read(path) for _, path in sorted(log_files(directory).items())]
         boxes = [_FileStatus.read(path) for path in sorted(_list_boxes(directory), key=_event_key)]
         total_bytes = sum(log_file.size for log_file in (*logs, *boxes)) + _partial_archive_bytes(directory)
-        if self._reserve_bytes and (usable_bytes := total_bytes + self.free_bytes(directory) - self._reserve_bytes) > 0:
+        if (usable_bytes := total_bytes + self.free_bytes(directory) - self._reserve_bytes) > 0:
             room_bytes = min(room_bytes, usable_bytes)
-        while boxes and (len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_FRACTION * room_bytes):
+        while len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_FRACTION * room_bytes:
             total_bytes -= _remove(boxes.pop(_index_of_densest(boxes)))
         if self._retention_days > 0.0 and is_possible(now_s := self._utc_s()):
             # Logs with an impossible time have no age. Ages count from the newest log at the latest, so that a clock

@@ -73,6 +73,26 @@ def test_memory_does_not_depend_on_the_length_of_the_log(log):
     assert max_bytes < 8 * BLOCK_BYTES  # of which zlib uses four
 
 
+def test_steps_and_syncs_of_forty_blocks(log, monkeypatch):
+    """A step for each block, and for each eight that are compared; the archive is synced after each 16 blocks."""
+    log.write_bytes(bytes(40 * BLOCK_BYTES))
+    syncs, steps = [], 0
+    monkeypatch.setattr(os, "fdatasync", lambda _descriptor: syncs.append(steps))
+    for _ in archive_log(log):
+        steps += 1
+    assert (steps, syncs) == (45, [15, 31])
+
+
+def test_a_log_that_is_too_large_for_an_index_stays(log, monkeypatch):
+    monkeypatch.setattr("firmware_py.log.archive.MAX_BLOCKS", 4)
+    log.write_bytes(bytes(4 * BLOCK_BYTES + 1))
+    with pytest.raises(OSError, match="too large to be compressed"):
+        finish(log)
+    log.write_bytes(bytes(4 * BLOCK_BYTES))
+    finish(log)
+    assert names(log.parent) == ["00000001.BIN.gz"]
+
+
 def test_an_empty_log_is_archived(log):
     log.write_bytes(b"")
     finish(log)

@@ -61,6 +61,20 @@ def test_a_description_beyond_the_limits_is_refused(description):
         MessageType(*description)
 
 
+def test_a_description_at_the_limits_is_accepted():
+    labels = ",".join(["TimeUS", *(["LLL"] * 14), "L"])
+    assert (len(labels.split(",")), len(labels)) == (16, 64)
+    assert MessageType(1, "NAME", labels, "B" * 16, "-" * 16, "-" * 16).size == 19
+    values = "ZZZ" + "q" * 7 + "i"  # 3 + 192 + 56 + 4 bytes
+    assert MessageType(1, "N", ",".join("A" * 11), values, "-" * 11, "-" * 11).size == 255
+
+
+@pytest.mark.parametrize(("time_us", "stamp_us"), [(255, 0), (256, 256)])
+def test_a_time_in_the_header_is_no_number_of_a_type(time_us, stamp_us):
+    head = header((), time_us)
+    assert {row.unpack(head, at)[0] for row, at in Parser(head) if row.name != "FMT"} == {stamp_us}
+
+
 @pytest.mark.parametrize("junk", [b"\0" * 300, b"\xa3", b"\xa3\x95", b"\xa3\x95\xfe", b"\x95\xa3\xa3"])
 @pytest.mark.parametrize("position", [0, 1, 2])
 def test_garbage_between_records_is_skipped_and_counted(junk, position):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.log.disk import LocalDisk, log_files
+from firmware_py.log.disk import LocalDisk, log_files, newest_log_time_s
 
 MIN_FREE_FILES = 8
 
@@ -109,6 +109,35 @@ def test_boxes_occupy_at_most_a_quarter_and_the_densest_are_removed(tmp_path):
     assert {*monthly, "boxes/00000119-end.BIN.gz"} < set(names)
 
 
+def test_at_most_200_boxes_are_kept(tmp_path):
+    write(tmp_path, *(f"boxes/{number:08d}-end.BIN.gz" for number in range(201)), size=0)
+    LocalDisk().prune(tmp_path, 10_000)
+    assert len(names_below(tmp_path)) == 200
+    LocalDisk().prune(tmp_path, 10_000)
+    assert len(names_below(tmp_path)) == 200
+
+
+def test_free_space_is_that_of_the_directory_or_its_parent(tmp_path, monkeypatch):
+    paths = []
+    status = os.statvfs_result((4096, 512, 9, 8, 7, 6, 5, 4, 0, 255))
+    monkeypatch.setattr("os.statvfs", lambda path: paths.append(path) or status)
+    assert LocalDisk().free_bytes(tmp_path) == LocalDisk().free_bytes(tmp_path / "none") == 7 * 512
+    assert LocalDisk().free_files(tmp_path) == 4
+    assert paths == [tmp_path, tmp_path, tmp_path]
+
+
+def test_time_of_the_newest_log_of_any_kind(tmp_path):
+    assert newest_log_time_s(tmp_path / "none") == 0.0
+    assert newest_log_time_s(tmp_path) == 0.0
+    write(tmp_path, "00000001.BIN", age_days=2.0)
+    write(tmp_path, "00000002.BIN", age_days=3.0)
+    assert newest_log_time_s(tmp_path) == NOW_S - 2.0 * DAY_S
+    write(tmp_path, "thin/00000001.BIN.gz", age_days=1.0)
+    assert newest_log_time_s(tmp_path) == NOW_S - DAY_S
+    (tmp_path / "thin/00000001.BIN.gz").unlink()
+    assert newest_log_time_s(tmp_path) == NOW_S - 2.0 * DAY_S
+
+
 def test_the_newest_box_stays_if_the_clock_starts_at_1970(tmp_path):
     """Two runs with a clock set by a receiver are followed by runs that ended before it was set."""
     dated = [f"boxes/{number:08d}-end.BIN.gz" for number in (1, 2)]
@@ -208,7 +237,7 @@ def test_a_failed_directory_sync_leaves_no_file_and_no_descriptor(tmp_path, monk
 @pytest.mark.parametrize(
     ("ages_days", "now_s", "removed"),
     [
-        ((40.0, 20.0, 1.0), NOW_S, 1),
+        ((31.0, 30.0, 0.0), NOW_S, 1),
         ((400.0,), 0.0, 0),  # the clock is wrong
         ((400.0,), 5e9, 0),
         ((40.0, 20.0, 1.0), NOW_S + 6e8, 1),  # years ahead: ages count from the newest log

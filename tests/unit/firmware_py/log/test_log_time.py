@@ -39,6 +39,12 @@ def test_each_of_200_runs_from_1970_has_its_own_offset():
     assert correct(rows) == expected
 
 
+@pytest.mark.parametrize(("second_s", "is_same_run"), [(119.0, True), (118.9, False)])
+def test_rows_that_overlap_by_up_to_a_second_are_of_the_same_run(second_s, is_same_run):
+    first_s, _ = correct([(0.0, 60.0, 60.0), (NOON_S, second_s, 60.0)])
+    assert first_s == (NOON_S - second_s + 60.0 if is_same_run else 0.0)
+
+
 def test_correct_times_are_unchanged():
     rows = [*rows_of_run(NOON_S, 3), *rows_of_run(NOON_S + 1e4, 3, first_s=7.0, span_s=6.5)]
     assert correct(rows) == [utc_s for utc_s, _, _ in rows]

@@ -82,6 +82,19 @@ def test_an_oversized_log_is_rejected(log, monkeypatch):
         list(LogReader(path))
 
 
+def test_a_log_has_up_to_two_gibibytes(tmp_path):
+    path = tmp_path / "log"
+    for size in (2 << 30, (2 << 30) + 1):
+        with path.open("wb") as file:
+            file.truncate(size)
+        if size == 2 << 30:
+            with open_file.open_buffer(path) as data:
+                assert len(data) == size
+        else:
+            with pytest.raises(OSError, match="large"), open_file.open_buffer(path):
+                pass
+
+
 def test_missing_room_for_temporary_files_is_reported(log, monkeypatch):
     def fail(**_options):
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")

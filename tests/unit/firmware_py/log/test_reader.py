@@ -132,6 +132,16 @@ def test_a_log_without_a_required_column_is_refused():
         read(header((tick, end), 1000) + end.pack(1, 2))
 
 
+@pytest.mark.parametrize("count", [1, 0])
+def test_a_tick_has_up_to_131072_records(fake, count):
+    inputs, output = fake.make_inputs(5), fake.step(fake.State(), fake.make_inputs(5))[1]
+    body = schema.TICK.pack(1.0, inputs.tick) + schema.encode_inputs(inputs) + schema.encode_output(output)
+    head = header(schema.TYPES, 0)
+    records = sum(1 for _ in Parser(head + body)) - sum(1 for _ in Parser(head))
+    ticks, reading = read(log_of_tick(body + NEW_TYPE.pack(1, 2) * (131_072 - records + 1 - count), NEW_TYPE))
+    assert (len(ticks), reading.damaged) == (count, 1 - count)
+
+
 @pytest.mark.parametrize("data", [b"", b"\0" * 1000, b"# Rambler\n" * 100])
 def test_other_data_has_no_ticks(data):
     ticks, reading = read(data)

@@ -7,8 +7,8 @@ import msgspec
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
-from firmware_py.common.records import Event, Severity
-from firmware_py.common.reports import Energy, Flow, Power
+from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
+from firmware_py.common.reports import Energy, Flow, Power, Water
 from firmware_py.faults.table import Fault
 from firmware_py.log import ardupilot, thin_file
 from firmware_py.log.dataflash import header
@@ -16,6 +16,7 @@ from firmware_py.log.disk import log_files
 from firmware_py.log.thin import HEAD, ThinLog
 from firmware_py.log.thin_file import ThinFile
 from support.faulty_disk import KINDS, FaultyDisk
+from support.full_log import ESTIMATE
 
 MAX_BURST_ROWS = 20.0
 
@@ -72,6 +73,25 @@ def test_a_row_has_sums_and_means_of_its_minute(tmp_path, fake):
         assert math.isnan(more.BatV)  # not measured
 
 
+def test_a_row_has_the_last_values_of_its_minute(tmp_path, fake):
+    ticks = outputs(
+        fake, range(61), armed=True, heading_rad=1.0, estimate=ESTIMATE, heading_error_rad=None,
+        position=PositionSample(1.0, FixType.FIX_3D, 0.5, -0.25, 3.0, 0.75), position_ok=lambda t_s: t_s > 0,
+        water=Water(0.5, 0.1, 0.25, -0.125, 0.1), servo=RudderFeedback(1.0, 0.1, 31.0, 12.5),
+        heading_ok=lambda t_s: t_s > 0,
+    )  # fmt: skip
+    data = log_ticks(ThinLog(lambda: UTC_S), ticks)
+    first, last = messages(tmp_path, data, "THIN")
+    names = ("Arm", "Lat", "Lng", "Sog", "Hdg", "Err", "Rms", "U", "WT", "WSd")
+    values = [1, 0.5, -0.25, 0.75, 1.0, math.nan, math.nan, 0.5, 0.1, 0.1]
+    assert [getattr(last, name) for name in names] == pytest.approx(values, nan_ok=True)
+    assert [first.Lat, first.Lng, first.Sog, first.Hdg] == pytest.approx([math.nan] * 4, nan_ok=True)
+    (_, last) = messages(tmp_path, data, "THNE")
+    names = ("CN", "CE", "TSrv", "TCmp", "VSrv", "BatV", "BatA", "SoC", "Sun", "Load", "Skip", "Lost")
+    values = [0.25, -0.125, 31.0, math.nan, 12.5, *[math.nan] * 5, 0, 0]
+    assert [getattr(last, name) for name in names] == pytest.approx(values, nan_ok=True)
+
+
 def test_a_row_has_the_mean_powers_of_its_measured_part(tmp_path, fake):
     def power(t_s):  # the solar panels are measured from 90 s on
         solar, used = Flow(20.0 * max(0.0, t_s - 90.0), max(0.0, t_s - 90.0)), Flow(5.0 * t_s, t_s)
@@ -105,11 +125,11 @@ def test_texts_beyond_the_limit_are_counted(tmp_path, fake):
         return tuple(Event(Severity.WARNING, f"{t_s}: text {number}") for number in range(3 if t_s else 40))
 
     log = ThinLog(lambda: UTC_S, (Event(Severity.INFO, "rambler 1"),))
-    data = log_ticks(log, outputs(fake, range(62), events=events))
+    data = log_ticks(log, outputs(fake, range(230), events=events))
     texts = messages(tmp_path, data, "MSG")
     assert texts[0].Message == "rambler 1"
-    assert len(texts) == MAX_BURST_ROWS
-    assert sum(row.Lost for row in messages(tmp_path, data, "THNE")) == 1 + 40 + 60 * 3 - len(texts)
+    assert len(texts) == 21  # 20 at once and one after 120 s
+    assert sum(row.Lost for row in messages(tmp_path, data, "THNE")) == 1 + 40 + 180 * 3 - len(texts)
     later = log_ticks(log, outputs(fake, range(10_000, 10_001), events=events))
     assert len(messages(tmp_path, later, "MSG")) == 3  # after a pause, texts are logged again
 
@@ -146,6 +166,18 @@ def test_the_next_run_continues_the_file_without_a_truncated_record(tmp_path, ta
         file.write(tail)
     write_runs(tmp_path, "two")
     assert content(tmp_path) == {"00000001.BIN": HEAD + row("one") + row("two")}
+
+
+@pytest.mark.parametrize(("missing_rows", "names"), [(1, ["00000001.BIN"]), (0, ["00000001.BIN", "00000002.BIN"])])
+def test_a_file_of_a_mebibyte_is_full_and_all_files_have_at_most_100_mb(tmp_path, monkeypatch, missing_rows, names):
+    rooms = []
+    monkeypatch.setattr(thin_file.LocalDisk, "prune", lambda _self, _directory, room_bytes: rooms.append(room_bytes))
+    write_runs(tmp_path, "one")
+    full = math.ceil((1_048_576 - len(HEAD)) / len(row("x")))
+    (tmp_path / "thin/00000001.BIN").write_bytes(HEAD + row("x") * (full - missing_rows))
+    write_runs(tmp_path, "two")
+    assert list(content(tmp_path)) == names
+    assert set(rooms) == {100_000_000 - 1_048_576}
 
 
 def test_a_full_file_and_one_of_another_version_are_not_continued(tmp_path, monkeypatch):
@@ -186,7 +218,7 @@ def test_no_row_is_lost_by_a_temporary_disk_error(tmp_path, kind, monkeypatch):
 def test_rows_are_queued_up_to_a_limit_while_the_disk_is_missing(tmp_path):
     (tmp_path / "logs").write_text("not a directory")
     file = ThinFile(tmp_path / "logs", b"head")
-    for number in range(thin_file.MAX_QUEUED_TICKS + 3):
+    for number in range(4096 + 3):
         file.put(b"%d," % number)
     file.drain()
     assert file.failure.startswith("thin log: ")
@@ -195,7 +227,7 @@ def test_rows_are_queued_up_to_a_limit_while_the_disk_is_missing(tmp_path):
     file.drain()
     assert file.failure == ""
     ((_, data),) = content(tmp_path / "logs").items()
-    assert data.count(b",") == thin_file.MAX_QUEUED_TICKS
+    assert data.count(b",") == 4096
     file.close()
 
 
