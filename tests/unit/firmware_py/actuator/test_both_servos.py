@@ -150,3 +150,4 @@ def test_request_is_given_up_after_the_longest_exchange(fakes, driver, kind):
     for now_s, count in ((0.0, 1), (timeout_s - 1e-6, 1), (timeout_s + 1e-6, 2)):
         rudder.command(RudderCommand(0.1, True), now_s)
         assert len(line.written) == count
+    assert rudder.health(timeout_s).state is DeviceState.STARTING
