@@ -101,8 +101,7 @@ class FileUpload:
         self.content[offset:end] = data
 
     def close(self) -> None:
-        """Discard the content."""
-        self.content.clear()
+        """Do nothing: the content is discarded with the upload."""
 
 
 class BurstRead:

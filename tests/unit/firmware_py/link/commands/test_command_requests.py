@@ -81,10 +81,14 @@ def test_interval_is_set_and_reported(rig, of):
     for replies in (rig.command(510, 30), rig.command(512, 244, 30)):
         (report,) = of(replies, "MESSAGE_INTERVAL")
         assert (result(replies), report.message_id, report.interval_us) == (0, 30, 500_000)
-    for unknown in (25, math.nan, -1):
+    for unknown, number in ((25, 25), (math.nan, 0), (-1, 0), (65535, 65535)):
         replies = rig.command(512, 244, unknown)
         (report,) = of(replies, "MESSAGE_INTERVAL")
-        assert (result(replies), report.interval_us) == (UNSUPPORTED, 0)
+        assert (result(replies), report.message_id, report.interval_us) == (UNSUPPORTED, number, 0)
+    replies = rig.command(510, 65536)
+    assert (result(replies), of(replies, "MESSAGE_INTERVAL")) == (UNSUPPORTED, [])
+    rig.command(511, 30, 3600e6)
+    assert of(rig.command(510, 30), "MESSAGE_INTERVAL")[0].interval_us == 2_147_483_647
 
 
 def test_each_peer_has_separate_intervals(make_rig, of):

@@ -36,6 +36,19 @@ def degrees(angle_deg):
         (YAW, (350, 10, 1, 0), SteerHeading(degrees(350), turn=1)),
         (YAW, (350, 0, -1, 0), SteerHeading(degrees(350), turn=-1)),
         (YAW, (360, 0, 0, 0), SteerHeading(degrees(360))),
+        (YAW, (0, 0, 0, 0), SteerHeading(0.0)),
+        (YAW, (-360, 0, 0, 1), SteerHeading(degrees(-360), relative=True)),
+        *((YAW_SPEED, (angle_deg, 0, 0), SteerHeading(degrees(angle_deg))) for angle_deg in (-360, 360)),
+        *((CHANGE_HEADING, (1, angle_deg), SteerHeading(degrees(angle_deg))) for angle_deg in (0, 360)),
+        *(
+            (
+                REPOSITION,
+                (-1, flags, 0, NAN, 40.0, -11.5, NAN),
+                SteerPosition(degrees(40), degrees(-11.5), change_mode=bool(flags & 1)),
+            )
+            for flags in (1, 2, 65534, 65535)
+        ),
+        *((MODE, (flags, 4), SetMode(4)) for flags in (129, 255)),
         (YAW, (20, 0, 1, 1), SteerHeading(degrees(20), relative=True, turn=1)),
         (YAW, (20, 0, -1, 1), SteerHeading(degrees(-20), relative=True, turn=-1)),
         (YAW, (80, 0, 0, 1), SteerHeading(degrees(80), relative=True)),
@@ -78,10 +91,11 @@ def test_valid_command_is_accepted(rig, command, values, intent):
 REFUSED = {
     (YAW, DENIED): (
         *((bad, 0, 0, 0) for bad in BAD), *((90, 0, bad, 0) for bad in BAD), *((90, 0, 0, bad) for bad in BAD),
-        (361, 0, 0, 0), (-1, 0, 0, 0), (-1, 0, 1, 1), (90, 0, 0.5, 0), (90, 0, 2, 0), (90, 0, 0, 0.5),
+        (361, 0, 0, 0), (-361, 0, 0, 1), (361, 0, 0, 1),
+        (-1, 0, 0, 0), (-1, 0, 1, 1), (90, 0, 0.5, 0), (90, 0, 2, 0), (90, 0, 0, 0.5),
     ),
     (MODE, DENIED): (
-        (1, NAN), (1, INF), (1, -1), (1, 0.5), (1, 1e30), (0, 4), (NAN, 4), (128, 4), (1e9, 4), (-1, 4),
+        (1, NAN), (1, INF), (1, -1), (1, 0.5), (1, 1e30), (0, 4), (NAN, 4), (128, 4), (257, 4), (-1, 4),
     ),
     (HOME, DENIED): (
         (2,), (NAN,), (0, 0, 0, 0, 91, 0), (0, 0, 0, 0, 0, 181), (0, 0, 0, 0, NAN, 1), (0, 0, 0, 0, 1, INF), (0,),
@@ -89,12 +103,13 @@ REFUSED = {
     ),
     (SERVO, DENIED): ((0, 1500), (2, 1500), (1, 999), (1, 2001), (1, NAN), (NAN, 1500), (1, 0)),
     (REPOSITION, DENIED): (
-        (-1, 1), *((-1, 0, 0, 0, bad, 0, 0) for bad in BAD), *((-1, 0, 0, 0, 0, bad, 0) for bad in BAD),
+        (-1, 1), (-1, 65536, 0, 0, 40, 9),
+        *((-1, 0, 0, 0, bad, 0, 0) for bad in BAD), *((-1, 0, 0, 0, 0, bad, 0) for bad in BAD),
     ),
     (PAUSE, DENIED): ((NAN,), (2,)),
-    (FENCE, DENIED): ((2,), (NAN,), (1, INF), (1, -1)),
-    (FENCE, UNSUPPORTED): ((1, 4),),
-    (YAW_SPEED, DENIED): (*((bad, 0, 0) for bad in BAD), *((1, 0, bad) for bad in BAD), (400, 0, 0)),
+    (FENCE, DENIED): ((2,), (NAN,), (1, INF), (1, -1), (1, 65536)),
+    (FENCE, UNSUPPORTED): ((1, 1), (1, 4), (1, 65535)),
+    (YAW_SPEED, DENIED): (*((bad, 0, 0) for bad in BAD), *((1, 0, bad) for bad in BAD), (361, 0, 0), (-361, 0, 0)),
     (RESTART, 0): ((0,),),
     (RESTART, DENIED): ((3,), (4,), (NAN,), (-1,)),
     (RESTART, UNSUPPORTED): ((1, 1), (0, 2), (1, 0, 1), (1, INF)),

@@ -1,6 +1,7 @@
 """Satellite link with an emulated modem and network, in simulated time."""
 
 import os
+import select
 from collections import Counter
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import SetMode
+from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.satellite.messages import Kind
@@ -74,7 +76,14 @@ def test_failed_sessions_of_a_month_lose_no_message_within_the_budget():
 def test_report_costs_one_credit(boat):
     boat.run(60)
     assert names(boat.delivered()) == ["HIGH_LATENCY2"]
-    assert (boat.status().sent_bytes, boat.status().day_credits, boat.network.bill.total) == (50, 1, 1)
+    assert boat.network.bill.total == 1
+    status = boat.status()
+    assert 20.0 < status.session_age_s < 40.0
+    assert status == SatelliteStatus(
+        imei="300234010753370", signal=5, waiting=0, dropped=0, sessions=1, failed=0, last_status=0, blocked_reason="",
+        session_age_s=status.session_age_s, sent=1, sent_bytes=50, received=0, refused={}, day_credits=1, day_limit=50,
+        month_credits=1, month_limit=1500, total_credits=1,
+    )  # fmt: skip
 
 
 def test_only_changes_are_reported_with_interval_zero():
@@ -126,6 +135,7 @@ def test_command_is_executed_and_acknowledged(boat):
     boat.network.send(boat.keyed(set_mode(15)))
     boat.run(90)
     assert boat.intents == [SetMode(15)]
+    assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0] == []  # the loop sleeps
     assert [(frame.command, frame.result) for frame in boat.delivered() if frame.get_type() == "COMMAND_ACK"] == [
         (176, 0)
     ]
@@ -278,6 +288,21 @@ def test_silent_modem_is_reported_and_recovers(boat):
     texts = [event.text for event in boat.events]
     assert texts == ["Satellite modem not responding", "Satellite modem recovered"]
     assert "HIGH_LATENCY2" in names(boat.delivered())
+
+
+def test_modem_is_set_up_again_after_its_line_was_lost(boat):
+    boat.run(60)
+    boat.delivered()
+    assert len(boat.transport.descriptors()) == 2
+    boat.line.fileno = lambda: -1
+    assert len(boat.transport.descriptors()) == 1
+    del boat.line.fileno
+    boat.line.openings += 1
+    boat.run(0.5)
+    assert not boat.transport._driver.modem.is_ready
+    boat.changes["mode"] = Mode.HOLD
+    boat.run(60)
+    assert names(boat.delivered()) == ["HIGH_LATENCY2"]
 
 
 def test_message_in_the_modem_is_read_after_a_power_cut(boat):

@@ -325,6 +325,7 @@ def test_next_message_in_the_network_is_received_at_once():
     modem = queue_report(ScriptedModem("0, 1, 1, 7, 14, 1", "0, 2, 1, 8, 14, 0", DELIVERED)).run(60)
     assert modem.driver.received == [(7, MESSAGE), (8, MESSAGE)]
     assert (len(modem.calls), modem.driver.counts.received, modem.driver.ledger.total) == (2, 2, 3)
+    assert [command for _, command in modem.commands].count(SIGNAL) == 2
 
 
 def test_lost_line_ends_the_session_and_the_modem_is_set_up_again():

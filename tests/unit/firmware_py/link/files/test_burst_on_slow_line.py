@@ -1,0 +1,60 @@
+"""Burst reads of file transfer on a slow or blocked line."""
+
+import pytest
+
+END = 6
+OPEN, READ, BURST = 4, 5, 15
+LOG = "logs/00000001.BIN"
+CONTENT = bytes(range(256)) * 5
+
+
+@pytest.fixture
+def disk(tmp_path):
+    (tmp_path / "logs").mkdir()
+    (tmp_path / LOG).write_bytes(CONTENT)
+    return tmp_path
+
+
+@pytest.fixture
+def client(disk, stored):
+    return stored()[1]
+
+
+def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
+    rig, client = stored(byte_rate=5760.0, has_radio_rates=True)
+    client.ask(OPEN, LOG)
+    assert client.ask(BURST, offset=len(CONTENT), size=239).error == (END,)  # before there is capacity for parts
+    client.all(BURST, size=239)
+    parts, heartbeats, attitudes = [], 0, 0
+    for tick in range(1, 40):
+        replies = rig.tick()
+        parts += of(replies, "FILE_TRANSFER_PROTOCOL")
+        heartbeats += len(of(replies, "HEARTBEAT"))
+        attitudes += len(of(replies, "ATTITUDE"))
+        assert len(parts) * 266 < 0.7 * 5760.0 * (0.1 * tick + 0.5)
+    assert len(parts) >= len(CONTENT) // 239 - 1
+    assert heartbeats == pytest.approx(4, abs=1)
+    assert attitudes > 0
+
+
+def test_blocked_link_does_not_keep_the_endpoint_busy(client):
+    client.ask(OPEN, LOG)
+    client.rig.transport.is_writable = False
+    client.rig.give(client.rig.frame(client.request(BURST, size=1)))
+    assert not client.rig.endpoint.busy
+    client.rig.transport.is_writable = True
+    client.rig.tick_silently()
+    assert len(client.rig.give(b"")) > 100
+
+
+def test_session_of_a_long_burst_remains_open(disk, stored):
+    rig, client = stored(byte_rate=300.0, has_radio_rates=True)
+
+    def replies_after(opcode, seconds, **fields):
+        replies = client.all(opcode, LOG if opcode == OPEN else b"", **fields)
+        replies += [reply for _ in range(seconds) for reply in client.replies(rig.tick(seconds=1.0))]
+        return [reply.ok for reply in replies if reply.query == opcode]
+
+    assert replies_after(OPEN, 60) == [True]
+    assert len(replies_after(BURST, 130, size=8)) > 60
+    assert replies_after(READ, 60, size=4) == [True]
