@@ -94,10 +94,8 @@ class MtiCompass:
             _Step.GO_TO_MEASUREMENT: xbus.encode(Message.GO_TO_MEASUREMENT),
         }
         self._accepted_output = self._required  # the configuration accepted by the device; its rates may differ
-        self._step = _Step.GO_TO_CONFIG
-        self._is_command_sent = False  # of the present step
-        self._due_s = 0.0  # time of the next command or of the timeout
         self._fault = ""
+        self._restart_set_up(0.0)
 
     def fileno(self) -> int:
         """Return the descriptor of the line, or -1."""
@@ -122,8 +120,8 @@ class MtiCompass:
 
     def _restart_set_up(self, due_s: float) -> None:
         self._step = _Step.GO_TO_CONFIG
-        self._is_command_sent = False
-        self._due_s = due_s
+        self._is_command_sent = False  # of the present step
+        self._due_s = due_s  # time of the next command or of the timeout
 
     def _enter_step(self, step: _Step, now_s: float) -> None:
         """Go to a step: its command is due at once, or in MEASURING after the data timeout."""

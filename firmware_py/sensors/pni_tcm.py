@@ -86,12 +86,11 @@ class PniCompass:
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / rate_hz)
         self._receiver = PacketReceiver(line, pni.create_framer, max(SILENT_AFTER_S, 3.0 / rate_hz))
         self._monitor, self._samples = self._receiver.monitor, self._receiver.samples
-        self._step = 0  # index of the next frame; after the last one the driver waits for data
-        self._due_s = 0.0  # time of the next frame or of the timeout
         self._has_headings = False  # whether there were headings after a set-up since the port was opened
         self._is_field_distorted = False
         self._calibration: PniCalibration | None = None
         self._last_calibration = Calibration()
+        self._restart_set_up(0.0)
 
     def fileno(self) -> int:
         """Return the descriptor of the line, or -1."""
@@ -149,8 +148,8 @@ class PniCompass:
             self._restart_set_up(now_s)
 
     def _restart_set_up(self, now_s: float) -> None:
-        self._step = 0
-        self._due_s = now_s
+        self._step = 0  # index of the next frame; after the last one the driver waits for data
+        self._due_s = now_s  # time of the next frame or of the timeout
 
     def _continue_set_up(self, now_s: float) -> None:
         """Send the next command when it is due; after the last, wait for headings."""

@@ -103,15 +103,41 @@ def test_recordings_are_decoded_as_by_pyais(path):
     assert compared >= 20
 
 
-@pytest.mark.parametrize("message_type", [1, 4, 18, 19, 21, 27])
-def test_south_west_and_port_are_negative(message_type):
-    values = {"msg_type": message_type, "mmsi": 211000001, "lat": -33.5, "lon": -71.25, "turn": -10}
+def encoded_reports(**values):
+    """Encode a message with pyais; return its reports."""
     finder, assembler = SentenceFinder(), Assembler()
-    stream = "\r\n".join(pyais.encode_dict(values)).encode()
+    stream = "\r\n".join(pyais.encode_dict({"mmsi": 211000001, **values})).encode()
     messages = [assembler.add(*sentence, 0.0) for sentence in finder.feed(stream)]
-    (report, *_) = decode_reports(read_payload(messages[-1].payload, messages[-1].fill_bits), 0.0)
+    return decode_reports(read_payload(messages[-1].payload, messages[-1].fill_bits), 0.0)
+
+
+@pytest.mark.parametrize("message_type", [1, 4, 18, 19, 21, 27])
+def test_south_west_and_port_are_negative_and_other_numbers_are_not(message_type):
+    place, motion = {"lat": -33.5, "lon": -71.25}, {"speed": 60.0, "course": 350.0, "heading": 300, "turn": -10}
+    report = encoded_reports(msg_type=message_type, **place, **motion, status=11, accuracy=1)[0]
     assert (degrees(report.latitude_rad), degrees(report.longitude_rad)) == pytest.approx((-33.5, -71.25))
+    has_motion, has_heading = message_type not in {4, 21}, message_type in {1, 18, 19}
+    assert report.speed_m_s == (pytest.approx(60.0 * KNOT) if has_motion else None)
+    assert report.course_rad == (pytest.approx(math.radians(350.0)) if has_motion else None)
+    assert report.heading_rad == (pytest.approx(math.radians(300.0)) if has_heading else None)
+    assert (report.status, report.accurate) == (11 if message_type in {1, 27} else 15, True)
     assert report.turn_rad_s is None if message_type != 1 else report.turn_rad_s < 0.0
+
+
+@pytest.mark.parametrize(
+    ("message", "ship_type"),
+    [
+        ({"msg_type": 5, "ship_type": 99, "shipname": "ANNA", "callsign": "DA1"}, 99),
+        ({"msg_type": 19, "ship_type": 99, "shipname": "ANNA"}, 99),
+        ({"msg_type": 21, "aid_type": 20, "name": "ANNA"}, 20),
+        ({"msg_type": 24, "partno": 1, "ship_type": 200, "callsign": "DA1"}, 200),
+    ],
+)
+def test_largest_dimensions_and_types_are_positive(message, ship_type):
+    identity = encoded_reports(**message, to_bow=300, to_stern=510, to_port=40, to_starboard=62)[-1]
+    has_name, has_call_sign = message["msg_type"] != 24, "callsign" in message
+    expected = ("ANNA" if has_name else "", "DA1" if has_call_sign else "", ship_type, (300, 510, 40, 62))
+    assert (identity.name, identity.call_sign, identity.ship_type, identity.dimensions_m) == expected
 
 
 def test_recordings_contain_every_decoded_type():

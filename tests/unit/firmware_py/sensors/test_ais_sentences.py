@@ -57,6 +57,11 @@ def test_five_parts_are_joined_and_five_fill_bits_allowed():
     assert (message.payload, message.fill_bits, message.is_own) == (b"1234567", 5, True)
 
 
+def test_characters_after_the_number_of_fill_bits_are_ignored():
+    (message,) = assemble(sentence(b"AIVDM,1,1,,A,1234567,2x"))
+    assert message.fill_bits == 2
+
+
 def test_interleaved_messages_are_joined():
     stream = part(1, payload=b"AAA") + part(1, sequence=b"4", payload=b"CCC") + SENTENCE + part(2, payload=b"BBB")
     assert [message.payload for message in assemble(stream)] == [b"15M67FC000G?ufbE`FepT@3n00Sa", b"AAABBB"]

@@ -181,8 +181,10 @@ def test_nothing_is_sent_while_headings_arrive(exchange, compass, set_up):
 
 def test_reopened_port_is_set_up_again(line, exchange, compass, set_up):
     exchange(0.5, data(), data()[:9])
+    assert compass.fileno() == line.fileno()
     line.unplug()
-    exchange(0.7)
+    assert exchange(0.7) == []
+    assert compass.fileno() == -1
     line.plug()
     assert exchange(0.8) == [GO_TO_CONFIG]
     assert exchange(0.9, IN_CONFIG) == [ASK_OUTPUT]

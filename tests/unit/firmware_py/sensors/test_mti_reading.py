@@ -155,6 +155,11 @@ def test_decoded_capture():
     ]  # fmt: skip
 
 
+def test_other_message_is_not_decoded():
+    (result,) = CAPTURE_FORMAT.decode(encode(0x01, b"\1\2\3\4"))
+    assert result == {"line": 1, "offset": 0, "type": "other", "message": "DEVICE_ID"}
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("rate_rad_s", "is_valid"), [(40.0, True), (40.5, False)])
 def test_rate_beyond_the_range_of_a_gyroscope_is_rejected(rate_rad_s, is_valid, sign):

@@ -30,9 +30,9 @@ def read(line, monitor, nmea):
 
 def test_selected_sentences_are_returned_and_faults_of_all_kinds_counted(read, monitor):
     faulty = b"$GPGSV,1,1,00*00\r\n$GPGSV,1,1,00\r\n$HEHDT,1,T\r\n$HEHDT,1,T*00\r\n"
-    assert read("HEHDT,1,T", "GPGSV,1,1,00", "HCHDM,1,M", faulty) == ["HDT"]
+    assert read("HEHDT,1,T", "HEHDT,400,T", "GPGSV,1,1,00", "HCHDM,1,M", faulty) == ["HDT"]
     # A GSV without a checksum is not counted: its kind is not selected.
-    assert (monitor.health(1.0).rejected, monitor.health(1.0).text) == (3, "HEHDT: checksum")
+    assert (monitor.health(1.0).rejected, monitor.health(1.0).text) == (4, "HEHDT: checksum")
     assert read() == []
 
 

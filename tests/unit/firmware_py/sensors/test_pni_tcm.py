@@ -104,12 +104,14 @@ def test_module_is_set_up_again_after_silence_and_after_power_up(line, deliver, 
     assert compass.health(set_up_s + 3.0).state is DeviceState.SILENT
 
 
-def test_data_without_a_heading_do_not_prevent_the_set_up(line, deliver, compass, pni, set_up_s):
+def test_data_without_a_heading_do_not_prevent_the_set_up(line, deliver, compass, pni, pni_heading, set_up_s):
     for tenth in range(30):
         data = pni(DATA, bytes([1, 7]) + struct.pack(">f", 20.0))
         assert deliver(compass, data, now_s=set_up_s + tenth / 10) == ()
     assert len(line.written) > 7
     assert compass.health(set_up_s + 3.0).text == "data without heading"
+    deliver(compass, pni_heading(98.5), now_s=set_up_s + 3.0)
+    assert compass.health(set_up_s + 3.0).text == ""
 
 
 @pytest.mark.parametrize("push_mode", [0, 1])
