@@ -95,6 +95,13 @@ def test_damaged_actisense_message_is_counted_and_the_next_one_is_read():
     assert gateway.rejected == 1
 
 
+def test_actisense_frame_without_a_message_is_ignored():
+    header = n2k.actisense_message(127250, 0x13, HEADING)[2:15]
+    gateway = ActisenseGateway(PGNS)
+    assert gateway.feed(b"\x10\x02" + header + b"\x10\x03", 0.0) == []
+    assert (gateway.rejected, gateway.has_frames) == (0, False)
+
+
 @pytest.mark.parametrize("change", [{"size": 9}, {"length": 20}])
 def test_actisense_message_with_a_wrong_length_is_rejected(change):
     body = bytearray(n2k.actisense_message(127250, 0x13, HEADING)[2:-3])
