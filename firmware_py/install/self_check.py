@@ -153,7 +153,7 @@ def _check_start(candidate: Candidate) -> str:
             process.terminate()
             code = process.wait(COMMAND_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            is_alive, code = False, None
+            code = None
         finally:
             process.kill()
             process.wait()

@@ -143,6 +143,14 @@ def test_compressed_log_is_found_by_its_original_name(tmp_path):
         file = open_log(name)
         assert (file.size, file.read(1, 9)) == (3, b"bc")
         file.close()
+    for name in (path, packed_path(path)):
+        packed_path(path).rename(tmp_path / "other")
+        name.symlink_to(tmp_path / "other")
+        for opened in (path, packed_path(path)):
+            with pytest.raises(OSError, match=r"is a symbolic link|No such file"):
+                open_log(opened)
+        name.unlink()
+        (tmp_path / "other").rename(packed_path(path))
     path.write_bytes(b"abcd")
     file = open_log(path)
     assert (file.size, file.read(1, 9)) == (4, b"bcd")

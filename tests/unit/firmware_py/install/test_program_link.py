@@ -76,6 +76,10 @@ def test_failed_trial_is_rolled_back_after_its_starts(link, directory, start):
     assert link.failed().name == "new"
     (directory / "bin/.rambler.failed").write_text(f"{program(directory, 'new')}".ljust((1 << 16) + 1))
     assert link.failed() is None  # not written by the start script
+    (directory / "bin/.rambler.failed").unlink()
+    (directory / "copy").write_text(f"{program(directory, 'new')}\n")
+    (directory / "bin/.rambler.failed").symlink_to(directory / "copy")
+    assert link.failed() is None
     assert start() == ("old", "")
 
 

@@ -20,6 +20,7 @@ from firmware_py.install.bundle import UpdateError
 from firmware_py.install.environment import Environment
 from firmware_py.install.program_link import UPDATE_FILE, passed_line
 from firmware_py.install.self_check import CHECKS, Candidate, read_printed_unit, self_check, vehicle_text_without_ports
+from firmware_py.install.service_files import UNIT as UNIT_PATH
 from firmware_py.install.service_files import Service, build_unit
 from firmware_py.install.unit import read_installation
 from firmware_py.system.clock import machine_s
@@ -369,6 +370,9 @@ def test_record_of_a_trial_is_read_up_to_its_size_limit(tree):
     for size, has_passed in (((1 << 18) + 1, False), (1 << 18, True)):
         slot.write_bytes(line.rjust(size, b"\n"))
         assert update._has_passed(tree / "state", program) is has_passed
+    slot.rename(tree / "state/other")
+    slot.symlink_to(tree / "state/other")
+    assert not update._has_passed(tree / "state", program)
 
 
 def test_trial_passed_unobserved_allows_the_next_update(tree, run_update, tmp_path):
@@ -446,6 +450,11 @@ def test_checks_use_a_copy_of_the_state(tmp_path, monkeypatch):
     os.truncate(tmp_path / "state/parameters.param.0", (4 << 20) + 1)
     with pytest.raises(UpdateError, match="cannot be copied: is larger than 4 MiB"):
         list(self_check(candidate))
+    shutil.rmtree(candidate.copy)
+    (tmp_path / "state/parameters.param.0").unlink()
+    (tmp_path / "state/parameters.param.0").symlink_to(tmp_path / "state/signing.key.1")
+    with pytest.raises(UpdateError, match="cannot be copied: is a symbolic link"):
+        list(self_check(candidate))
 
 
 @pytest.mark.parametrize(
@@ -499,6 +508,7 @@ def test_unit_of_a_version_is_its_output(tmp_path):
     service = Service(("/opt/rambler",), Path("/etc/boat.toml"), Path("/srv/state"), Path("/dev/watchdog"))
     arguments = ["/etc/boat.toml", "--state", "/srv/state", "--watchdog", "/dev/watchdog", "--program", "/opt/rambler"]
     assert read_printed_unit(program, arguments) == build_unit(service)
-    program.write_text("#!/bin/sh\necho no\n")
-    assert read_printed_unit(program, arguments) is None
+    for script in ("echo no", f"echo '# {UNIT_PATH}'; echo; echo '# /'; exit 3"):
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        assert read_printed_unit(program, arguments) is None
     assert read_printed_unit(tmp_path / "gone", arguments) is None

@@ -53,7 +53,7 @@ EAST, WEST = item_at(WAYPOINT, 0, 300), item_at(WAYPOINT, 10, -300)
         ([EAST, DISABLE, item_at(WAYPOINT, 0, 700), REENABLE, WEST], SQUARE, []),
         ([DISABLE, EAST, REENABLE, item_at(WAYPOINT, 0, 700)], SQUARE, ["Mission item 4 is 200 m outside the fence"]),
         ([item_at(TURNS, 0, 400, 2, 0, -150)], SQUARE, ["Mission item 1 is 50 m outside the fence"]),
-        ([item_at(TURNS, 0, 400, 2, 0, math.nan)], SQUARE, []),
+        ([item_at(TURNS, 0, 499.5, 2, 0, math.nan)], SQUARE, []),
         ([EAST], [*SQUARE, item_at(RETURN_POINT, 510, 0)], ["Fence item 4 is 10 m outside the fence"]),
     ],
 )
@@ -148,6 +148,8 @@ def test_boat_must_be_inside_all_areas_of_one_group():
         circles = [item_at(INCLUDED_CIRCLE, 0, 0, *pair) for pair in zip((100, 200), groups, strict=True)]
         assert margin_m(Plan.of(PlanKind.FENCE, circles), place) == pytest.approx(margin, abs=0.1)
     assert margin_m(Plan.of(PlanKind.FENCE, [item_at(RETURN_POINT, 0, 0)]), place) == 1e7
+    at_equator = PlanItem(INCLUDED_CIRCLE, 3, True, (100.0, 0.0, 0.0, 0.0))  # 0, 0 is a place
+    assert margin_m(Plan.of(PlanKind.FENCE, [at_equator]), Place(0.0, 0.0)) == 100.0
 
 
 @pytest.mark.parametrize("count", [math.nan, -4.0, 0.0, 4.0, 1e9])

@@ -175,11 +175,14 @@ def test_a_path_that_leads_to_another_device_is_opened_again(line, cable, tmp_pa
     assert read_all(line, 4) == b"here"
 
 
-def test_a_port_that_is_missing_at_the_start_is_opened_by_the_first_attempt(cable):
+def test_a_port_that_is_missing_at_the_start_is_opened_by_the_first_attempt(cable, monkeypatch):
+    latency_modes = []
+    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _port, is_low: latency_modes.append(is_low))
     port = SerialPort(str(cable.path), 38400)
     assert (port.connected, port.openings, port.written, port.fileno()) == (False, 0, 0, -1)
     port.reopen(0.0)
     assert (port.name, port.baud, port.connected, port.openings) == (str(cable.path), 38400, True, 1)
+    assert latency_modes == [True]
     port.close()
 
 

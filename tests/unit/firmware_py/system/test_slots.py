@@ -21,7 +21,9 @@ def sequence_of(path):
     return int(path.read_bytes().split()[3])
 
 
-def test_versions_are_written_alternately_with_sequence_length_and_checksum(writer, tmp_path):
+def test_versions_are_written_alternately_with_sequence_length_and_checksum(writer, tmp_path, monkeypatch):
+    synced, fsync = [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(fsync(descriptor)))
     for number, content in enumerate((b"one", b"three", b"", b"x" * 5000), start=1):
         writer.write("a", content)
         checksum = zlib.crc32(content, zlib.crc32(b"%d" % number))
@@ -31,6 +33,7 @@ def test_versions_are_written_alternately_with_sequence_length_and_checksum(writ
         assert slot.stat().st_size == (4096 if number < 4 else 8192)
         assert examine(tmp_path, "a") == Stored(content)
     assert (writer.versions, writer.written_bytes) == (4, 2 * 4096 + 2 * 4096 + 4096 + 2 * 8192)
+    assert len(synced) == 2  # the directory, for each new file
     slot.write_bytes(b"# rambler empty\n")
     assert examine(tmp_path, "a") == Stored(b"")
 

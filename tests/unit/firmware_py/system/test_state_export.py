@@ -2,10 +2,19 @@
 
 import hashlib
 import json
+import os
 
 import pytest
 
-from firmware_py.system.state_export import BrokenExportError, Export, pack, unpack
+from firmware_py.system.state_export import (
+    BrokenExportError,
+    Export,
+    begin_import,
+    end_import,
+    pack,
+    pending_import,
+    unpack,
+)
 
 EXPORT = Export({"a.param": "CTL_K1 3 \u00e9\n".encode(), "b.record": b"\x00\xff", "c.plan": None}, {"boat": "x"})
 
@@ -62,3 +71,24 @@ def test_description_and_texts_of_errors_are_limited():
     expected = {f"{number}{'k' * 199}": "v" * 200 for number in range(8)}
     assert unpack(export_of({}, about)).about == expected
     assert len(refusal(export_of({"a.param": ["x" * 300]})).partition(": ")[2]) <= 200
+
+
+def test_import_is_pending_until_it_ends(tmp_path):
+    assert pending_import(tmp_path) is None
+    begin_import(tmp_path, EXPORT)
+    assert (tmp_path / "import.awaited").stat().st_mode & 0o777 == 0o600
+    assert pending_import(tmp_path) == EXPORT
+    end_import(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "other").write_bytes(pack(EXPORT))
+    (tmp_path / "import.awaited").symlink_to(tmp_path / "other")
+    with pytest.raises(BrokenExportError, match=r"^import\.awaited is a symbolic link, not a regular file$"):
+        pending_import(tmp_path)
+
+
+def test_secrets_of_an_ended_import_are_overwritten(tmp_path, monkeypatch):
+    begin_import(tmp_path, EXPORT)
+    monkeypatch.setattr(os, "unlink", lambda _path: None)
+    end_import(tmp_path)
+    (path,) = tmp_path.iterdir()
+    assert path.read_bytes() == bytes(len(pack(EXPORT)))

@@ -121,13 +121,13 @@ def test_a_removed_file_is_written_again_and_absent_after_the_end(memory, state)
 
 def test_a_symbolic_link_is_not_followed(memory, state, tmp_path):
     victim = tmp_path / "victim"
-    victim.write_text("unchanged")
+    victim.write_bytes(content(state))
     path = memory / file_name(state)
     for link in (path, path.with_suffix(".new")):
         link.symlink_to(victim)
     assert find_status(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
     StatusFile(state, (memory,)).write(content(state))
-    assert victim.read_text() == "unchanged"
+    assert victim.read_bytes() == content(state)
     assert find_status(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
 
 

@@ -276,6 +276,14 @@ def test_without_its_lock_file_a_directory_is_used_only_with_wait(directory, mon
     store.close()
 
 
+def test_link_in_place_of_the_lock_file_is_renamed(directory, tmp_path):
+    directory.mkdir()
+    (tmp_path / "outside").touch()
+    (directory / "lock").symlink_to(tmp_path / "outside")
+    Store(directory).close()
+    assert ((directory / "lock.aside").is_symlink(), (directory / "lock").is_symlink()) == (True, False)
+
+
 def test_earlier_versions_which_lock_only_the_file_are_excluded(directory):
     store = Store(directory)
     with (directory / "lock").open("w") as file, pytest.raises(BlockingIOError):
