@@ -31,7 +31,7 @@ from firmware_py.modes import ModeState
 
 # Values are rounded down to these steps, so that small changes do not cause a write.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
-OFF, ALL_BUT_ARMING, ALL = 0, 1, 2  # values of BOOT_RESUME
+OFF, ALL = 0, 2  # values of BOOT_RESUME; 1: all but arming
 
 
 class Moment(msgspec.Struct, frozen=True):

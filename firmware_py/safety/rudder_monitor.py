@@ -122,8 +122,7 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, is_engaged
     if motion_rad is None or side != state.side or abs(angle_rad - motion_rad) >= MIN_MOTION_RAD:
         motion_rad, motion_s = angle_rad, t_s
     progress_rad, progress_s, deviating = state.progress_rad, state.progress_s, False
-    progress_made_rad = 0.0 if progress_rad is None else angle_rad - progress_rad
-    if progress_rad is None or side == 0 or side != state.side or side * progress_made_rad >= MIN_MOTION_RAD:
+    if progress_rad is None or side == 0 or side != state.side or side * (angle_rad - progress_rad) >= MIN_MOTION_RAD:
         progress_rad, progress_s = angle_rad, t_s
     else:
         is_overdue = t_s - progress_s >= RESPONSE_S

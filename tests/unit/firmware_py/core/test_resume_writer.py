@@ -157,6 +157,16 @@ def test_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_commands()
     assert not write(0.0, with_mode(state, 100))
 
 
+def test_continuous_changes_leave_writes_for_commands():
+    write, state = Writes(), at_sea()
+    for number in range(100):
+        assert write(0.0, with_goal(state, number))
+    assert write(30.0, with_mission(with_goal(state, 99), elapsed_s=300.0))  # 903 writes are left
+    for number in range(50):
+        assert write(30.0, with_goal(state, number), is_awaited=True)
+    assert not write(60.0, with_mission(with_goal(state, 49), elapsed_s=600.0))
+
+
 def test_delayed_record_has_the_newest_values():
     write, state = Writes(), at_sea()
     while write(0.0, with_goal(state, write.writes)):

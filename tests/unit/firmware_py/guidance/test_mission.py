@@ -305,6 +305,42 @@ def test_commanded_item_has_no_line_and_a_restart_resets_jumps():
     assert mission_progress.at_item(runner.progress, 0, restart=True).jumps == ()
 
 
+def test_progress_of_an_item_is_not_that_of_the_next():
+    present = MissionProgress(
+        identity=1,
+        index=3,
+        started=True,
+        begun=True,
+        waiting=True,
+        complete=True,
+        unusable=True,
+        elapsed_s=5.0,
+        until_utc_s=9.0,
+        idle_items=2,
+        orbits=4,
+        jumps=((1, 1),),
+        line_start=A,
+        task=go_to(B),
+    )
+    kept = {"identity": 1, "started": True, "orbits": 4, "task": go_to(B)}
+    commanded = MissionProgress(index=2, jumps=((1, 1),), **kept)
+    assert mission_progress.at_item(present, 2, restart=False) == commanded
+    assert mission_progress.at_item(present, 2, restart=True) == replace(commanded, jumps=())
+    finished = replace(present, begun=False, waiting=False, elapsed_s=0.0, until_utc_s=None)
+    for step, changes in (
+        (waypoint(C), {"index": 4, "idle_items": 3}),
+        (jump(0, 1), {"index": 0, "jumps": ((1, 1), (3, 1)), "idle_items": 0}),
+        (jump(0, -1), {"index": 0, "jumps": ((1, 1), (3, 1)), "idle_items": 3}),
+        (jump(0, 0), {"index": 4, "idle_items": 3}),
+        (jump(-1, 1), {"index": 4, "idle_items": 3}),
+    ):
+        assert mission_progress.after_item(present, step) == replace(finished, **changes)
+    assert mission_progress.enter(replace(present, complete=False, unusable=False)) == replace(
+        present, complete=False, unusable=False, line_start=None
+    )
+    assert mission_progress.enter(present) == MissionProgress(identity=1, started=True)
+
+
 def test_change_to_auto_continues_the_item_and_restarts_a_complete_mission():
     runner = MissionRunner(waypoint(A), waypoint(B))
     runner.step()

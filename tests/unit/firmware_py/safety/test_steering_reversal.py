@@ -100,10 +100,10 @@ TURN_RUDDER_RAD, ERROR_RAD = radians(20.0), radians(60.0)
 @pytest.mark.parametrize(
     ("rudder_deg", "error_deg", "is_commanded"),
     [
-        (12.5, 15.5, True),
-        (-12.5, -15.5, True),
-        (11.5, 60.0, False),
-        (30.0, 14.5, False),
+        (12.0, 15.0, True),
+        (-12.0, -15.0, True),
+        (11.9, 60.0, False),
+        (30.0, 14.9, False),
         (30.0, -60.0, False),  # it stops a turn
         (12.5, math.nan, True),  # by hand
         (11.5, math.nan, False),
