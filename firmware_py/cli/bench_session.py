@@ -116,7 +116,8 @@ _FORMATTERS: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
     """Open the port that these devices share and create their drivers; on failure set the error of each device."""
     devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
-    line = create_line(group[0][1].port, group[0][1].baud)
+    _, first_entry = group[0]
+    line = create_line(first_entry.port, first_entry.baud)
     try:
         line.open()
     except PortError as error:

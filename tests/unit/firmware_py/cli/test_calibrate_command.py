@@ -42,8 +42,14 @@ def test_proposal_is_printed_and_saved_as_parameter_file(calibrate, tmp_path):
     path = tmp_path / "deviation.parm"
     code, text = calibrate("--save", str(path))
     assert code == 0
-    parts = ("CMP_DEV_A      0.00", "leeway", "alignment: CMP_OFFSET_DEG ", "rms residual ")
-    assert all(part in text for part in parts)
+    lines = text.splitlines()
+    assert [line[:13] for line in lines[1:8]] == [" " * 11 + "in", *(f"{name}    " for name in NAMES), "compass    in"]
+    assert [line.split()[0] for line in lines[8:16]] == [str(heading_deg) for heading_deg in range(0, 360, 45)]
+    # In force: B = 2 deg at 90 deg; proposed: A = 5 deg.
+    for line, present_deg in zip(lines[8:16], (0.0, 1.41, 2.0, 1.41, 0.0, -1.41, -2.0, -1.41), strict=True):
+        assert list(map(float, line.split()[1:])) == pytest.approx([present_deg, 5.0], abs=0.5)
+    starts = ["error in force", "rms residual ", "alignment: CMP_OFFSET_DEG ", "CMP_DEV_A includes", "A speed that"]
+    assert [line.startswith(start) for line, start in zip(lines[16:], starts, strict=True)] == [True] * 5
     assert list(parse_file(path.read_text(), "-")) == list(NAMES)
 
 

@@ -167,6 +167,12 @@ def test_mission_line_is_split_at_the_180th_meridian():
     assert west == [(-180.0, pytest.approx(-16.65)), (-179.99, -16.6), (-180.0, -16.6)]
 
 
+def test_mission_line_along_the_180th_meridian_is_split_at_its_start():
+    mission = [waypoint(1, -16.8, 180.0), waypoint(2, -16.6, -180.0)]
+    _, east, west = kml_lines(Tracks(points(0.0), mission=mission), "LineString")
+    assert (east, west) == ([(180.0, -16.8), (180.0, -16.8)], [(-180.0, -16.8), (-180.0, -16.6)])
+
+
 SQUARE = [(-16.79, 179.99), (-16.79, -179.97), (-16.81, -179.97), (-16.81, 179.99)]
 
 

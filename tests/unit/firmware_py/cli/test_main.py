@@ -111,31 +111,9 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
     assert "boat.param:1" in one_line_error(capsys, ["params", str(file)], code=1)
 
 
-PAGES = [("--markdown", "REFERENCE"), ("--faults", "FAULTS"), ("--messages", "MESSAGES"), ("--texts", "TEXTS")]
-
-
-@pytest.mark.parametrize(("option", "name"), PAGES)
-def test_generated_pages_are_up_to_date(option, name, capsys):
-    assert main(["params", option]) == 0
-    assert capsys.readouterr().out == (ROOT / f"params/{name}.md").read_text(), "write them with make pages"
-
-
 def test_parameter_metadata_has_every_parameter(capsys):
     assert main(["params", "--metadata"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
-
-
-def test_decode_prints_json_lines(capsys, tmp_path):
-    file = tmp_path / "capture.nmea"
-    file.write_text("$HEHDT,341.8,T*21\r\n$HEHDT,341.8,T*22\r\n")
-    assert main(["decode", "nmea", str(file), "--json"]) == 0
-    heading, error = map(json.loads, capsys.readouterr().out.splitlines())
-    assert (heading["line"], heading["type"], heading["heading_true_deg"]) == (1, "heading", 341.8)
-    assert (error["line"], error["type"], error["error"]) == (2, "error", "checksum")
-    assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
-    file.write_text("a wrong file\n")
-    text = f"{file}: no nmea message in 13 bytes; check KIND"
-    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(text)
 
 
 def test_check_prints_each_finding_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):
@@ -158,8 +136,7 @@ def test_listen_and_check_report_missing_ports_and_a_second_compass(capsys, vehi
     ]
     assert "no such port" in records[0]["error"]
     assert records[2]["driver"] == "pni_tcm"
-    for seconds in ("-1", "0", "1e7", "nan"):
-        assert "--seconds" in one_line_error(capsys, ["listen", path, "--seconds", seconds])
+    assert "--seconds" in one_line_error(capsys, ["listen", path, "--seconds", "-1"])
     assert main(["check", path, "--state", str(tmp_path / "state")]) == 1
     assert "FAIL  compass_b" in capsys.readouterr().out
 

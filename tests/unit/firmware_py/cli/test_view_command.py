@@ -81,6 +81,7 @@ def test_port_in_use_is_an_error_except_for_the_harness(view):
     assert (code, "Address already in use" in error) == (2, True)
     code, output, _, _ = view("--listen", listen, "--with-parent", "7")
     assert (code, listen in output) == (0, False)
+    assert int(output.rpartition(":")[2].rstrip("/\n")) >= 1024
     server.server_close()
 
 

@@ -62,6 +62,13 @@ def test_a_log_is_replaced_by_an_archive_that_gzip_reads(log):
     assert packed_path(log).stat().st_size < len(CONTENT) / 2
 
 
+def test_a_block_is_written_in_any_number_of_pieces(log, monkeypatch):
+    pwrite = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda descriptor, data, offset: pwrite(descriptor, data[:1000], offset))
+    finish(log)
+    assert read_content(log.parent) == CONTENT
+
+
 def test_memory_does_not_depend_on_the_length_of_the_log(log):
     log.write_bytes(bytes(40 * BLOCK_BYTES))
     tracemalloc.start()

@@ -54,8 +54,10 @@ def test_status_becomes_a_row(rig):
     expected |= {"rudder_deg": -4.0, "faults": 1.0}
     assert {name: values[name] for name in expected} == expected
     assert rig.poll() is None  # the status is unchanged
+    assert rig.history.now["begin_utc_s"] == 1.8e9
     rig.advance(2.0)
     assert rig.values()["time_s"] == 2.0
+    assert rig.history.now["begin_utc_s"] == 1.8e9
 
 
 def test_every_column_has_a_source():
