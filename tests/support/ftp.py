@@ -16,7 +16,8 @@ class Reply:
         self.to = (message.target_system, message.target_component)
         payload = bytes(message.payload)
         fields = struct.unpack("<HBBBBBBI", payload[:12])
-        self.sequence, self.session, self.opcode, self.size, self.query, self.last, _, self.offset = fields
+        self.sequence, self.session, self.opcode, self.size, self.query, self.last, padding, self.offset = fields
+        assert (padding, self.last) in ((0, 0), (0, int(self.query == 15)))
         self.data = payload[12 : 12 + self.size]
 
     @property
