@@ -107,9 +107,8 @@ class DynamixelServo:
         self._start_search()
 
     def note_silence(self) -> None:
-        """Search for the servo again, once."""
-        if self._phase is not Phase.SEARCH:
-            self._start_search()
+        """Search for the servo again."""
+        self._start_search()
 
     def _start_search(self) -> None:
         self._phase = Phase.SEARCH

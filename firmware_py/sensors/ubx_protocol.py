@@ -57,7 +57,7 @@ class _Fletcher:
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._sums = [0]  # sum of all bytes before each index
+        self._sums = [0]  # sum of all bytes since the start before each index
         self._sums_of_sums = [0]
 
     def extend(self, data: bytes) -> None:
@@ -68,10 +68,7 @@ class _Fletcher:
 
     def drop(self, count: int) -> None:
         """Note that bytes were removed from the start of the buffer."""
-        if count == len(self._sums) - 1:
-            self._sums, self._sums_of_sums = [0], [0]  # limits the size of the numbers
-        else:
-            del self._sums[:count], self._sums_of_sums[:count]
+        del self._sums[:count], self._sums_of_sums[:count]
 
     def is_packet(self, buffer: bytearray, begin: int, end: int) -> bool:
         """Return whether buffer[begin:end] is a complete packet."""
