@@ -26,7 +26,7 @@ def test_only_the_first_view_has_a_descriptor_and_both_write(line, tee):
     assert tee.second_view.write(b"b")
     assert line.written == [b"a", b"b"]
     for view in (tee.first_view, tee.second_view):
-        assert (view.name, view.openings, view.connected) == (line.name, 1, True)
+        assert (view.name, view.baud, view.openings, view.connected) == (line.name, 57600, 1, True)
 
 
 def test_bytes_from_before_a_reopening_are_discarded(line, tee):

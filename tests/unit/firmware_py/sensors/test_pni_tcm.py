@@ -101,6 +101,9 @@ def test_module_is_set_up_again_after_silence_and_after_power_up(line, deliver, 
     deliver(compass, pni(POWER_UP), now_s=set_up_s + DATA_TIMEOUT_S + 0.01)
     assert frame_ids(line.written[7:]) == [22, 22]
     assert compass.calibration().state is CalibrationState.NONE
+    for step in range(400):  # in the mode that gave headings
+        compass.receive(set_up_s + 2.0 + step / 100)
+    assert [frame[3] for frame in line.written if frame[2] == 24] == [0] * 4
     assert compass.health(set_up_s + 3.0).state is DeviceState.SILENT
 
 
@@ -141,7 +144,7 @@ def test_driver_with_emulator_recovers_after_a_power_cut(line, compass, push_mod
 
 
 def test_reopened_port_is_set_up_at_once(line, deliver, compass, pni_heading, set_up_s):
-    deliver(compass, pni_heading(98.5)[:7], now_s=set_up_s)
+    deliver(compass, pni_heading(98.5), pni_heading(98.5)[:7], now_s=set_up_s)
     line.unplug()
     compass.receive(set_up_s + 0.1)
     assert (len(line.written), compass.fileno()) == (7, -1)
