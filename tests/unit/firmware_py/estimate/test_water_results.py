@@ -129,8 +129,8 @@ def test_dead_reckoning_has_the_variance_of_all_its_errors():
     assert dead_reckoning_sd(on_way, t) == pytest.approx(math.sqrt(variance + 0.5 * tide_m**2), rel=1e-4)
     assert dead_reckoning_sd(started, 1e6) == dead_reckoning_sd(started, 86400.0)
     assert dead_reckoning_sd(started, -1.0) == 5.0
-    without_record = dead_reckoning_sd(DeadReckoning(), 1000.0)  # 0.3 m/s of current
-    assert without_record == pytest.approx(math.hypot(300.0, 5.0), rel=1e-6)
+    # A stored record without a covariance: 0.3 m/s for current and speed, 0.1 m/s for the sideways speed.
+    assert DeadReckoning().covariance == pytest.approx(np.diag([0.3**2, 0.3**2, 0.3**2, 0.1**2])[UPPER])
 
 
 def track_along(seed, excess_sds, duration_s=20.0):

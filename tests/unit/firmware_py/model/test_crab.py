@@ -23,6 +23,13 @@ def test_heading_in_a_current_as_fast_as_the_boat_and_faster():
     assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.399)) == pytest.approx(360.0 - 71.8, abs=0.1)
     # Current to the east at twice the speed, course north: largest distance north for each metre east.
     assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.8)) == pytest.approx(330.0)
+    # Current of 1.03 times the speed from 30 deg before the beam: an edge angle of pi / 2 - 2 * 0.03, and 120 deg.
+    abeam_rad, current_m_s = math.radians(120.0), 1.03 * 0.4
+    limited_rad = math.pi - 2.0 * 0.03 - abeam_rad
+    for sign in (1.0, -1.0):
+        north_m_s, east_m_s = current_m_s * math.cos(abeam_rad), sign * current_m_s * math.sin(abeam_rad)
+        heading_rad = heading_for_course(0.0, 0.4, north_m_s, east_m_s)
+        assert math.remainder(heading_rad, 2.0 * math.pi) == pytest.approx(-sign * limited_rad)
     assert speed_made_good(0.0, 0.4, 0.0, 0.8) <= 0.0
     assert speed_made_good(math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(1.2)
     assert speed_made_good(-math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(-0.4)

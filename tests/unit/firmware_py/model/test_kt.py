@@ -40,6 +40,7 @@ def test_steady_yaw_rate_solves_its_equation(rudder_rad, ability_1_s, norrbin_s2
 def test_similarity_is_that_of_the_paper():
     fast = OCEAN_RAMBLER.at_speed(0.8)
     assert (fast.turning_ability_1_s, fast.turning_lag_s, fast.norrbin_s2) == pytest.approx((0.098, 2.0, 4.25))
+    assert fast[3:] == (0.0, 0.8)
 
 
 def test_rk4_step_agrees_with_the_exact_linear_solution():
@@ -100,5 +101,6 @@ def test_cubic_term_is_not_linearised_for_a_usual_boat():
 
 
 def test_extreme_yaw_rate_is_reduced():
-    divisor, cubic, _ = held_cubic(4.0, 17.0, 1e200, 0.1)
+    divisor, cubic, slope = held_cubic(4.0, 17.0, 1e200, 0.1)
+    assert (divisor, cubic, slope) == (1.0 + 3e9, -2e9, 0.0)
     assert 0.0 < -cubic * 1e200 / divisor < 1e200
