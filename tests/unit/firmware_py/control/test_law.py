@@ -57,6 +57,15 @@ def test_reduced_gain_gives_less_rudder_and_a_narrower_deadband():
     assert reduced_band_rad <= full_band_rad
 
 
+def test_gain_of_a_slow_boat_is_limited_by_the_nominal_ability_only_while_it_is_reduced():
+    slow = ESTIMATE._replace(speed_m_s=0.2, correction_rad2_s=math.radians(1.5) ** 2)
+    demands_rad = [
+        demand_of(Reference(slow.heading_rad + 1e-3, 0.0), slow, 1e-3, gain_reduction=reduction)[1] - slow.bias_rad
+        for reduction in (1.0, 1.0 + 1e-9)
+    ]
+    assert demands_rad[0] > 1.2 * demands_rad[1] > 0.0
+
+
 def simulate_turn(gain_reduction, delay_s=0.0, lag_ratio=1.0, seconds=300.0):
     """Return the headings [deg] of a boat in a turn of 100 deg, with a delay and a multiple of the model's lag."""
     heading_rad = rate_rad_s = command_rad = 0.0
@@ -109,6 +118,8 @@ def test_command_stays_the_same_at_the_goal_without_steerage_way():
     state, command_rad = law.steer(SETTINGS, IDLE, SLOW, 0.04, 0.3, 0.1, 1.0)
     assert (state.reference, command_rad) == (reference_at(SLOW), 0.3)
     assert math.isnan(state.bias_rad)
+    at_minimum = SLOW._replace(speed_m_s=SETTINGS.min_speed_m_s, speed_sd_m_s=0.0)
+    assert not law.is_too_slow(SETTINGS, at_minimum, 0.04)
     # With an uncertain speed the boat may be fast enough.
     assert not law.is_too_slow(SETTINGS, SLOW._replace(speed_sd_m_s=0.3), 0.04)
 
@@ -166,7 +177,7 @@ def test_demand_stays_within_the_limits_with_any_estimate(error, rate, bias, spe
         assert math.isfinite(reference.yaw_rate_rad_s)
 
 
-@pytest.mark.parametrize(("error_deg", "share"), [(2.99, 1.0), (-2.99, 1.0), (3.01, 0.1), (-3.01, 0.1)])
+@pytest.mark.parametrize(("error_deg", "share"), [(3.0, 1.0), (-3.0, 1.0), (3.01, 0.1), (-3.01, 0.1)])
 def test_deadband_is_a_tenth_in_a_turn_of_more_than_3_deg(error_deg, share):
     _, _, band_at_goal_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, 0.0)
     _, _, band_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, math.radians(error_deg))
@@ -174,11 +185,11 @@ def test_deadband_is_a_tenth_in_a_turn_of_more_than_3_deg(error_deg, share):
 
 
 def test_boat_without_steerage_way_has_a_demand_from_an_error_of_3_deg():
-    assert law.is_too_slow(SETTINGS, SLOW, math.radians(-2.99))
+    assert law.is_too_slow(SETTINGS, SLOW, math.radians(-3.0))
     assert not law.is_too_slow(SETTINGS, SLOW, math.radians(3.01))
 
 
-@pytest.mark.parametrize(("mean_rad", "start_rad"), [(0.2, 0.2), (-0.2, -0.2), (0.25, -0.24)])
+@pytest.mark.parametrize(("mean_rad", "start_rad"), [(0.2, 0.2), (-0.2, -0.2), (0.24, -0.24), (0.25, -0.24)])
 def test_reduced_bias_starts_at_the_smaller_of_mean_and_estimate(mean_rad, start_rad):
     estimate = ESTIMATE._replace(bias_rad=-0.24, bias_mean_rad=mean_rad)
     assert law.update_reduced_bias(math.nan, estimate, 1.0, 3.0) == start_rad

@@ -23,7 +23,7 @@ def test_command_stays_within_angle_and_rate_limit(command_rad, demand_rad, step
         pytest.param(0.1, 0.119, 0.1, id="within the deadband"),
         pytest.param(0.1, 0.121, 0.121, id="outside the deadband"),
         pytest.param(0.1, math.nan, 0.1, id="NaN"),
-        pytest.param(0.1, 0.08, 0.08, id="at the deadband"),
+        pytest.param(0.0, -0.02, -0.02, id="at the deadband"),
         pytest.param(0.7, 0.7, 0.5, id="beyond the limit"),
         pytest.param(-0.7, -0.7, -0.5, id="beyond the limit to port"),
         pytest.param(-0.2, -0.9, -0.5, id="demand beyond the limit"),

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from scipy.special import lpmv
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.estimate import declination
 from firmware_py.estimate.declination import Declination, declination_rad, horizontal_field_nt, update
 from firmware_py.estimate.wmm2025 import COEFFICIENTS
 
@@ -96,6 +98,7 @@ def test_field_is_finite_at_the_geographic_poles(latitude):
         (0.6, 2.1 - 11.9e3 / 6371e3, EPOCH_S, True),
         (0.6, 2.1 - 12.3e3 / 6371e3, EPOCH_S, False),
         (0.6, 2.1, EPOCH_S + 29.9 * 86400.0, True),
+        (0.6, 2.1, EPOCH_S + 30.0 * 86400.0, False),
         (0.6, 2.1, EPOCH_S + 30.1 * 86400.0, False),
         (0.6, 2.1, EPOCH_S - 30.1 * 86400.0, False),
     ],
@@ -104,6 +107,19 @@ def test_declination_is_computed_again_only_after_10_km_or_30_days(latitude_rad,
     previous = update(Declination(), 0.6, 2.1, EPOCH_S)
     assert previous.declination_rad is not None
     assert (update(previous, latitude_rad, longitude_rad, utc_s) is previous) is is_same
+
+
+def test_declination_is_computed_again_at_a_distance_of_10_km():
+    previous = Declination(0.1, 0.0, 0.0, EPOCH_S)
+    assert update(previous, 10e3 / EARTH_RADIUS_M, 0.0, EPOCH_S) is not previous
+
+
+@pytest.mark.parametrize(
+    ("east_nt", "expected_rad"), [(1999.9, None), (2000.0, 0.5 * math.pi), (-2000.0, -0.5 * math.pi)]
+)
+def test_compass_needs_a_horizontal_field_of_2000_nt(monkeypatch, east_nt, expected_rad):
+    monkeypatch.setattr(declination, "horizontal_field_nt", lambda *_: (0.0, east_nt))
+    assert declination_rad(0.6, 2.1, EPOCH_S) == expected_rad
 
 
 def test_declination_without_a_date_is_that_of_the_epoch():

@@ -80,7 +80,7 @@ def test_first_heading_and_impossible_rudder_keep_the_state_finite(rudder_rad):
 
 @pytest.mark.parametrize(
     ("age_s", "rudder_rad", "is_compared"),
-    [(60.0, 0.3, True), (59.9, 0.3, False), (600.0, 3.14, True), (600.0, 3.15, False), (600.0, -3.15, False)],
+    [(60.0, 0.3, True), (59.9, 0.3, False), (600.0, math.pi, True), (600.0, 3.15, False), (600.0, -3.15, False)],
 )
 def test_rudder_passes_three_lags_of_4_s_before_it_turns_the_delayed_filter(age_s, rudder_rad, is_compared):
     previous = heading_filter.begin(100.0, 1.0)._replace(levels=LEVELS, begun_s=101.0 - age_s)
@@ -89,7 +89,7 @@ def test_rudder_passes_three_lags_of_4_s_before_it_turns_the_delayed_filter(age_
     test = DelayTest(motion, 0.1, -0.2, 0.25, 3.0)
     result = delay_test.update(test, previous, updated, OCEAN_RAMBLER, rudder_rad, 1.01)
     decay, lags = math.exp(-1.0 / 4.0), (0.1, -0.2, 0.25)
-    if abs(rudder_rad) > 3.14:
+    if abs(rudder_rad) > math.pi:
         assert result == test._replace(motion=updated.motion)
         return
     inputs = (rudder_rad, 0.1, -0.2)

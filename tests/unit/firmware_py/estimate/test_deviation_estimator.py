@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
@@ -118,3 +119,6 @@ def test_report_has_the_progress_and_the_sectors_with_data():
     assert report.present_rad == pytest.approx((0.0, math.radians(2.0), 0.0, 0.0, 0.0))
     assert (report.sd_rad, report.max_change_rad) == (estimate.sd_rad, estimate.off_rad)
     assert report.residual_before_rad is None
+    # A certain estimate needs eight sectors.
+    estimator.state = replace(estimator.state, p=(1e-9 * np.eye(8)).tobytes(), sectors=(1, 2, *(0,) * 10))
+    assert (estimator.report().percent, estimator.report().minutes) == (25, 3)

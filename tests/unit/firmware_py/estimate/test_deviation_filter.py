@@ -111,13 +111,14 @@ def sail_minute(
     source=0,
     reference=NorthReference.MAGNETIC,
     moves_for_s=60,
+    way_m_s=0.5,
     start_s=1000.0,
 ):
     """Return the state after ticks of 1 s; without a speed, the positions move by 0.5 m/s for a time."""
     for tick in range(seconds + 1):
         t_s, angle_rad = start_s + tick, math.radians(heading_deg + 3.0 * math.sin(tick))
         samples = (HeadingSample(t_s, angle_rad, reference, source=source),) if tick < headings else ()
-        way_rad = 0.5 * tick / 6371000.0
+        way_rad = way_m_s * tick / 6371000.0
         place = (0.7 + way_rad * math.cos(0.5), -3.1 + way_rad * math.sin(0.5) / math.cos(0.7))
         fix = PositionSample(t_s, FixType.FIX_3D, *place, 0.0, speed_m_s, course_rad)
         has_fix = tick < fixes if speed_m_s is not None else tick <= moves_for_s
@@ -136,7 +137,7 @@ def sail_minute(
         ({"headings": 19}, False),
         ({"fixes": 5}, True),
         ({"fixes": 4}, False),
-        ({"turn_deg": 19.5}, True),
+        ({"turn_deg": 19.9}, True),
         ({"turn_deg": 20.5}, False),
         ({"turn_deg": -20.5}, False),
         ({"source": 1}, False),
@@ -147,13 +148,15 @@ def sail_minute(
         ({"speed_m_s": 10.1}, False),
         ({"speed_m_s": -0.1}, False),
         ({"speed_m_s": math.nan}, False),
-        ({"course_rad": 12.5}, True),
+        ({"course_rad": 4.0 * math.pi}, True),
         ({"course_rad": -12.6}, False),
         ({"course_rad": math.nan}, False),
         ({"speed_m_s": None}, True),
         ({"speed_m_s": None, "moves_for_s": 45}, True),
         ({"speed_m_s": None, "moves_for_s": 44}, False),
         ({"speed_m_s": None, "moves_for_s": -1}, False),
+        ({"speed_m_s": None, "way_m_s": 9.9}, True),
+        ({"speed_m_s": None, "way_m_s": 10.1}, False),
     ],
 )
 def test_minute_needs_headings_velocities_and_a_straight_course(options, is_used):

@@ -168,6 +168,35 @@ def test_expected_drift_is_no_innovation():
     assert state.agreed_s == pytest.approx(7.0)
 
 
+@pytest.mark.parametrize(
+    ("state", "step_s", "off_deg", "expected"),
+    [
+        (gyro.GyroState(t_s=0.0, agreed_s=29.5, has_turned=True), 0.5, 0.0, (30.0, 0.0, True, True)),
+        (gyro.GyroState(t_s=0.0, agreed_s=29.25, has_turned=True), 0.5, 0.0, (29.75, 0.0, True, False)),
+        (gyro.GyroState(t_s=0.0, disagreed_s=1.5, is_used=True), 0.5, 30.0, (0.0, 2.0, False, True)),
+        (gyro.GyroState(t_s=0.0, disagreed_s=1.75, is_used=True), 0.5, 30.0, (0.0, 2.25, False, False)),
+        (gyro.GyroState(t_s=0.0, agreed_s=1.0), 5.0, 0.0, (6.0, 0.0, False, False)),
+        (gyro.GyroState(t_s=0.0, agreed_s=1.0), 5.25, 0.0, (0.0, 0.0, False, False)),
+        (gyro.GyroState(t_s=0.0, agreed_s=1.0, has_turned=True), 0.0, 0.0, (1.0, 0.0, True, False)),
+        (gyro.GyroState(t_s=0.25, agreed_s=1.0, has_turned=True), 0.0, 0.0, (0.0, 0.0, False, False)),
+        (gyro.GyroState(t_s=0.0, mean_rad=radians(-20.0)), 0.5, 0.0, (0.5, 0.0, True, False)),
+        (gyro.GyroState(t_s=0.0), 0.5, 14.99, (0.5, 0.0, False, False)),
+    ],
+)
+def test_durations_and_limits_of_a_comparison(state, step_s, off_deg, expected):
+    sample = HeadingSample(step_s, radians(off_deg), NorthReference.RELATIVE, yaw_rate_rad_s=0.0)
+    result, _ = gyro.update(state, (sample,), (step_s, 0.0))
+    assert (result.agreed_s, result.disagreed_s, result.has_turned, result.is_used) == expected
+
+
+@pytest.mark.parametrize(("age_s", "is_used"), [(0.15, True), (-0.15, True), (0.16, False), (-0.16, False)])
+def test_age_of_a_rate_is_at_most_0_15_s(age_s, is_used):
+    state = gyro.GyroState(is_used=True, rate_t_s=0.0, rate_rad_s=0.25)
+    assert math.isnan(gyro.rate_at(state, age_s)) is not is_used
+    sample = HeadingSample(0.0, 0.5, NorthReference.RELATIVE, yaw_rate_rad_s=0.0)
+    assert (gyro.update(gyro.START, (sample,), (age_s, 0.0))[0].t_s is not None) is is_used
+
+
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_estimated_drift_is_limited(direction):
     state = gyro.GyroState(t_s=1.0, drift_rad_s=direction * radians(1.99))

@@ -303,6 +303,8 @@ def test_fixed_gain_observer_restarts_after_a_gap():
     assert start == heading_tick.Smoothed(0.0, 1.0, 0.0)
     updated = heading_tick.update_smoothed(start, SETTINGS, 0.1, 1.1, 0.0, 2.0)
     assert 1.0 < updated.heading_rad < 1.1
+    assert heading_tick.update_smoothed(start, SETTINGS, 2.0, 1.5, 0.0, 2.0).yaw_rate_rad_s > 0.0
+    assert heading_tick.update_smoothed(start, SETTINGS, 0.0, 1.5, 0.0, 2.0) == start
     assert heading_tick.update_smoothed(updated, SETTINGS, 5.0, 2.0, 0.0, 2.0) == heading_tick.Smoothed(5.0, 2.0, 0.0)
 
 

@@ -22,7 +22,7 @@ def test_first_sample_starts_the_observer():
     state = update(SETTINGS, HeadingState(), [sample(1.0, 2.0)], 0.0, 1.0)
     assert state.heading_rad == pytest.approx(2.0)
     assert state.yaw_rate_rad_s == 0.0
-    assert state.is_fresh(1.9, SETTINGS.timeout_s)
+    assert state.is_fresh(2.0, SETTINGS.timeout_s)
     assert not state.is_fresh(2.1, SETTINGS.timeout_s)
 
 

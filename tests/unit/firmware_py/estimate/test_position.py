@@ -146,7 +146,7 @@ def test_jump_needs_the_time_and_three_more_fixes_that_agree(jump_s, times_s, ac
     assert state.begun == first
 
 
-@pytest.mark.parametrize(("gap_s", "gain"), [(0.0, 0.0), (59.9, 1.0 - math.exp(-5.99)), (60.1, 1.0), (-0.1, 1.0)])
+@pytest.mark.parametrize(("gap_s", "gain"), [(0.0, 0.0), (60.0, 1.0 - math.exp(-6.0)), (60.1, 1.0), (-0.1, 1.0)])
 def test_position_is_smoothed_over_10_s_and_restarts_after_a_gap_of_a_minute(gap_s, gain):
     first, sample = fix(100.0), fix(100.0 + gap_s, 20.0)
     state = replace(after_fixes(first)[0], t_s=130.0, suspect=sample, witnesses=2)

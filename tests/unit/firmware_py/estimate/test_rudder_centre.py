@@ -65,7 +65,7 @@ def test_stretch_is_stored_if_it_is_long_steady_and_measured(options, stored, un
 
 
 @pytest.mark.parametrize(
-    ("gap_s", "steers", "stored"), [(10.0, True, 1), (10.1, True, 0), (-0.1, True, 0), (5.0, False, 0)]
+    ("gap_s", "steers", "stored"), [(0.0, True, 1), (10.0, True, 1), (10.1, True, 0), (-0.1, True, 0), (5.0, False, 0)]
 )
 def test_gap_or_a_tick_without_steering_begins_another_stretch(gap_s, steers, stored):
     estimator = RudderCentreEstimator()
@@ -77,7 +77,7 @@ def test_gap_or_a_tick_without_steering_begins_another_stretch(gap_s, steers, st
 
 @pytest.mark.parametrize(
     ("sd_deg", "stretches", "sectors", "is_ready"),
-    [(0.49, 12, 5, True), (0.51, 12, 5, False), (0.49, 11, 5, False), (0.49, 12, 4, False)],
+    [(0.5, 12, 5, True), (0.51, 12, 5, False), (0.49, 11, 5, False), (0.49, 12, 4, False)],
 )
 def test_offset_is_proposed_with_12_stretches_5_sectors_and_half_a_degree(sd_deg, stretches, sectors, is_ready):
     assert RudderCentre(0.1, math.radians(sd_deg), stretches, sectors).ready is is_ready

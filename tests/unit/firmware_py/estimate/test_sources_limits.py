@@ -270,6 +270,7 @@ TURNED = SOUND._replace(changed_s=9.0, turns=CompassTurns(1.0 * RAD, 0.3, 2.0, 1
         (TURNED, 0.5, (0.5, 0.3, 2.0, 0.5, 1.0)),
         (TURNED, -2.4, (1.0, 0.3, 2.0, 0.0, 1.0)),
         (TURNED, -2.6, (1.0, 0.3, 3.0, -2.6, -1.0)),
+        (TURNED._replace(raw_rad=0.9, turns=TURNED.turns._replace(rising=-1.0)), 0.0, (1.0, 0.3, 2.0, 0.0, -1.0)),
         (TURNED._replace(turns=TURNED.turns._replace(rising=-1.0)), -2.0, (1.0, 0.3, 2.0, -2.0, -1.0)),
         (TURNED._replace(turns=TURNED.turns._replace(rising=-1.0)), 2.6, (1.0, 0.3, 3.0, 2.6, 1.0)),
     ],

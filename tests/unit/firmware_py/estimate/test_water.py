@@ -261,7 +261,14 @@ def test_origin_moves_to_a_boat_5_km_away_on_an_axis(north_m, east_m, is_moved):
 
 @pytest.mark.parametrize(
     ("duration_s", "begins", "gives_heading"),
-    [(9.9, False, False), (10.0, True, True), (30.0, True, True), (30.1, True, False), (-0.1, True, False)],
+    [
+        (0.0, False, False),
+        (9.9, False, False),
+        (10.0, True, True),
+        (30.0, True, True),
+        (30.1, True, False),
+        (-0.1, True, False),
+    ],
 )
 def test_track_of_10_to_30_s_gives_the_heading_at_its_end(duration_s, begins, gives_heading):
     """The heading at the end is 2.0 rad, that of the mean vector 1.5 rad."""

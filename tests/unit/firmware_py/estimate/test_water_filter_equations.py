@@ -161,6 +161,9 @@ def test_position_beyond_5_standard_deviations_is_rejected(square, is_used):
     x, p = predict_part(state.means[0], state.covariances[0], PRIOR, 5.0, 1.0, 0.0)
     updated = correct(state, 5.0, float(x[5]), float(x[6]) + math.sqrt(square * (p[6, 6] + 0.3**2 + 9.0)))
     assert math.isnan(updated.refused_t_s) is is_used
+    for first_s, is_restart in ((-24.9, False), (-25.0, True)):  # 30 s after the first rejected position
+        later = correct(state._replace(refused_t_s=first_s), 5.0, 500.0, 0.0)
+        assert (later.t_s == 5.0) is is_restart
 
 
 @pytest.mark.parametrize(("bounds", "sign"), [(MIN_LEVELS, -1.0), (MAX_LEVELS, 1.0)])
@@ -176,6 +179,7 @@ def test_impossible_positions_and_times_are_ignored():
         assert correct(state, t_s, north_m, east_m) is state
     for heading_rad, step_s in ((math.nan, 1.0), (math.inf, 1.0), (1.0, 0.0), (1.0, -1.0), (1.0, 86400.0)):
         assert take_heading(state, heading_rad, step_s) is state
+    assert correct(state, 4.5, 0.0, 0.0).t_s == 4.5
     assert take_heading(state, 1.0, 86399.0).known_s == 86399.0
     assert all(map(math.isnan, water_filter.mean_heading(state, 0.0)))
 

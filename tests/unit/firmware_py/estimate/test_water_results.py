@@ -179,8 +179,8 @@ def test_track_with_another_speed_gives_no_heading():
         (0.5, 10.0, 0.0, 0.0, False),
         (0.5, 10.0, 0.0, -20.0, False),
         (0.021, 0.42, 0.0, 20.0, True),
-        (0.019, 0.42, 0.0, 20.0, False),
-        (0.021, 0.38, 0.0, 20.0, False),
+        (0.02, 0.42, 0.0, 20.0, False),
+        (0.021, 0.4, 0.0, 20.0, False),
     ],
 )
 def test_track_needs_a_duration_and_speeds_of_2_cm_s(speed_m_s, north_m, east_m, duration_s, is_known):

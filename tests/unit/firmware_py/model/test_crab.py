@@ -31,6 +31,7 @@ def test_heading_in_a_current_as_fast_as_the_boat_and_faster():
         heading_rad = heading_for_course(0.0, 0.4, north_m_s, east_m_s)
         assert math.remainder(heading_rad, 2.0 * math.pi) == pytest.approx(-sign * limited_rad)
     assert speed_made_good(0.0, 0.4, 0.0, 0.8) <= 0.0
+    assert speed_made_good(0.0, 0.5, 0.3, 0.5) == 0.0
     assert speed_made_good(math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(1.2)
     assert speed_made_good(-math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(-0.4)
     assert against_current(0.0, 0.8) == pytest.approx(1.5 * math.pi)
