@@ -7,8 +7,13 @@ predicts. Numeric core: compiled unchanged by the laboratory (hil/lab/numeric_co
 
 from __future__ import annotations
 
-from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.model.kt import exact_step
+
+
+def yaw_rate_limit(turning_ability_1_s: float, rudder_limit_rad: float) -> float:
+    """Return the limit of the yaw rate: a rate far beyond that of full rudder is noise, at any speed of the boat."""
+    return 10.0 * turning_ability_1_s * rudder_limit_rad + radians(5.0)
 
 
 def predict(

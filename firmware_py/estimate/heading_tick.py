@@ -77,8 +77,7 @@ class HeadingSettings(NamedTuple):
     def of(cls, parameters: ParameterSet) -> HeadingSettings:
         """Read the settings from the parameters."""
         model = KtModel.of(parameters)
-        # A yaw rate far beyond that of full rudder is noise, at any speed of the boat.
-        limit_rad_s = 10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0)
+        limit_rad_s = fixed_gain.yaw_rate_limit(model.turning_ability_1_s, radians(parameters["RUD_LIMIT_DEG"]))
         return cls(model, parameters["CMP_FROZEN_S"], parameters["COG_SPEED_MIN"], parameters["EST_TAU_S"], limit_rad_s)
 
 

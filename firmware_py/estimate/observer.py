@@ -40,8 +40,9 @@ class ObserverSettings(msgspec.Struct, frozen=True):
             declination_rad=radians(parameters["CMP_DECL_DEG"]),
             timeout_s=parameters["CMP_TIMEOUT_S"],
             model=model,
-            # A yaw rate far beyond that of full rudder is noise, at any speed of the boat.
-            yaw_rate_limit_rad_s=10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0),
+            yaw_rate_limit_rad_s=fixed_gain.yaw_rate_limit(
+                model.turning_ability_1_s, radians(parameters["RUD_LIMIT_DEG"])
+            ),
         )
 
 

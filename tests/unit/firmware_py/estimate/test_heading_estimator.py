@@ -91,12 +91,12 @@ def test_only_the_compass_in_use_gives_the_heading_and_the_newest_one_the_attitu
 
 
 def test_observer_uses_compass_a_only_with_its_time_out():
-    state = run(2.0, (1, 2.5), (0, 2.0), EST_MODE=0)
+    state = run(2.0, (1, 2.5), (0, 2.0), EST_MODE=0, CMP_TIMEOUT_S=0.5)
     assert state.heading.heading_rad == pytest.approx(2.0, abs=1e-3)
     assert run(2.0, (1, 2.5), EST_MODE=0).heading.sample_t_s is None
-    later = run(0.9, state=state, begin_s=2.0, EST_MODE=0)
+    later = run(0.9, state=state, begin_s=2.0, EST_MODE=0, CMP_TIMEOUT_S=0.5)
     assert later.heading.t_s == pytest.approx(2.9)
-    assert run(0.3, state=later, begin_s=2.9, EST_MODE=0).heading.t_s == pytest.approx(3.0, abs=0.11)
+    assert run(0.3, state=later, begin_s=2.9, EST_MODE=0, CMP_TIMEOUT_S=5.0).heading.t_s == pytest.approx(3.0, abs=0.11)
 
 
 def fix_at(t_s, **changes):

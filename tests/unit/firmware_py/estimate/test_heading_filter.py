@@ -239,6 +239,8 @@ def test_gap_of_more_than_10_min_restarts_the_filter():
 def test_first_heading_starts_the_filter():
     f = begin(math.nan, 0.0)
     assert not heading_filter.has_started(f)
+    not_started = f._replace(begun_s=math.nan, innovation_sd_rad=0.0)
+    assert repr(heading_filter.not_started()) == repr(not_started)
     started = update_all(f, [(12.0, 2.0, math.nan)])
     assert heading_filter.has_started(started)
     assert repr(started) == repr(begin(12.0, 2.0))

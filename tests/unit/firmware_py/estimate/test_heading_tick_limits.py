@@ -4,10 +4,12 @@ import math
 
 import pytest
 
+from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import heading_filter, heading_model, heading_tick, sources, water
 from firmware_py.estimate.heading_filter import PRIOR
 from firmware_py.estimate.heading_tick import HeadingSettings, Smoothed
+from firmware_py.estimate.observer import ObserverSettings
 from firmware_py.estimate.prediction_check import PredictionCheck
 from firmware_py.estimate.sources import (
     CompassState,
@@ -107,7 +109,7 @@ def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
         first = standstill(compass, rudder_rad=rudder_rad)
         expected = heading_model.predict(MOTION, LEVELS, OCEAN_RAMBLER, angle_rad, 0.5)
         assert (first.uncorrected, first.uncorrected_s) == (expected, 100.5)
-    earlier = MOTION._replace(heading_rad=2.0, p00=(9.9 * RAD) ** 2)
+    earlier = MOTION._replace(heading_rad=2.0, p00=radians(10.0) * radians(10.0))
     expected = heading_model.predict(earlier, LEVELS, OCEAN_RAMBLER, 0.0, 1.5)
     assert standstill(compass, uncorrected=earlier, uncorrected_s=99.0).uncorrected == expected
     uncertain = earlier._replace(p00=(10.1 * RAD) ** 2)
@@ -340,6 +342,7 @@ def test_input_of_the_law_has_twice_the_covariance_of_heading_and_yaw_rate():
 def test_yaw_rate_of_the_observer_is_limited_to_ten_times_that_of_full_rudder():
     expected = 10.0 * 0.049 * math.radians(30.0) + math.radians(5.0)
     assert SETTINGS.yaw_rate_limit_rad_s == pytest.approx(expected)
+    assert ObserverSettings.of(ParameterSet()).yaw_rate_limit_rad_s == SETTINGS.yaw_rate_limit_rad_s
 
 
 def test_restart_keeps_only_the_observer_and_the_rudder():

@@ -26,7 +26,9 @@ def after_fixes(*fixes, jump_s=60.0):
     """Return the state after fixes, and whether each was accepted."""
     state, accepted = PositionState(), []
     for sample in fixes:
-        state, is_accepted = update(predict(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
+        if math.isfinite(sample.t_s):
+            state = predict(state, sample.t_s, (0.0, 0.0))
+        state, is_accepted = update(state, sample, jump_s)
         accepted.append(is_accepted)
     return state, accepted
 

@@ -56,6 +56,7 @@ def test_result_is_the_mean_of_the_sectors():
         pytest.param({"heading_deg": lambda t_s: 350.0 + 0.03 * t_s}, 1, 0, id="turn of 18 deg through north"),
         pytest.param({"heading_deg": lambda t_s: 40.0 - (24.9 if t_s == 300.0 else 0.0)}, 1, 0, id="24.9 deg to port"),
         pytest.param({"heading_deg": lambda t_s: 40.0 - (25.1 if t_s == 300.0 else 0.0)}, 0, 1, id="25.1 deg to port"),
+        pytest.param({"heading_deg": lambda t_s: 40.0 + (25.1 if t_s == 600.0 else 0.0)}, 0, 1, id="at the end"),
     ],
 )
 def test_stretch_is_stored_if_it_is_long_steady_and_measured(options, stored, unsteady):

@@ -166,6 +166,8 @@ OSCILLATED = SOUND.turns._replace(swings=3.0)
         # With a resolution of 8 deg, 2.5 steps are 20 deg.
         ({"changed_s": -20.1, "turns": CompassTurns(8.0 * RAD, 0.0)}, {"steady_rad": 19.9 * RAD}, False),
         ({"changed_s": -20.1, "turns": CompassTurns(8.0 * RAD, 0.0)}, {"steady_rad": 20.1 * RAD}, True),
+        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * RAD, 5.0 * RAD)}, {"steady_rad": 10.1 * RAD}, True),
+        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * RAD, 5.0 * RAD)}, {"steady_rad": 9.9 * RAD}, False),
         ({"contradicted": True}, {}, True),
     ],
 )

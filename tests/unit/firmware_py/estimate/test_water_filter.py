@@ -125,12 +125,12 @@ def test_on_one_heading_only_the_sum_of_speed_and_current_is_observable():
 
 
 def test_errors_match_their_standard_deviations_over_many_passages():
-    boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(8)]
+    boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(4)]
     errors = [boat.sail_square(4, step_s=10.0, fix_s=10.0).normalised_errors for boat in boats]
     assert 0.1 < np.mean(np.square(errors)) < 1.5
 
 
-@pytest.mark.parametrize(("step_s", "fix_s"), [(0.5, 0.5), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
+@pytest.mark.parametrize(("step_s", "fix_s"), [(0.5, 0.5), (1.0, 60.0)])
 def test_estimate_is_accurate_at_any_interval_of_positions(step_s, fix_s):
     boat = Boat(0.5, (0.15, -0.15)).sail_square(4, step_s=step_s, fix_s=fix_s)
     assert max(map(abs, boat.normalised_errors)) < 3.5

@@ -21,10 +21,12 @@ MIN_LEVELS, MAX_LEVELS = np.log([0.01, 0.0001, 0.001, 0.02]), np.log([0.5, 0.005
 @cache
 def discrete_model(step_s, cosine, sine):
     """Return transition and noise covariance of a step with sigma = 1 and no other noise."""
-    rates, noise = np.zeros((N, N)), np.zeros((N, N))
-    rates[0, 0], noise[0, 0] = -1.0 / MEMORY_S, 2.0 / MEMORY_S
-    rates[5, :5], rates[6, :5] = (cosine, cosine, -sine, 1.0, 0.0), (sine, sine, cosine, 0.0, 1.0)
-    return discretize(rates, noise, step_s)
+    rates = np.array([[-1.0 / MEMORY_S, 0.0, 0.0], [cosine, 0.0, 0.0], [sine, 0.0, 0.0]])
+    small_transition, small_noise = discretize(rates, np.diag([2.0 / MEMORY_S, 0.0, 0.0]), step_s)
+    transition, noise, places = np.eye(N), np.zeros((N, N)), np.ix_([0, 5, 6], [0, 5, 6])
+    transition[places], noise[places] = small_transition, small_noise
+    transition[5:, 1:5] = step_s * np.array([[cosine, -sine, 1.0, 0.0], [sine, cosine, 0.0, 1.0]])
+    return transition, noise
 
 
 def predict_part(x, p, levels, step_s, cosine, sine):
