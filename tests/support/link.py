@@ -146,6 +146,7 @@ class MemoryTransport:
         self.is_writable = True
         self.blocked_reason = ""
         self.closed = False
+        self.polled_s = None
 
     def descriptors(self):
         return (self.descriptor,)
@@ -173,7 +174,7 @@ class MemoryTransport:
         self.connected = tuple(other for other in self.connected if other != address)
 
     def poll(self, now_s):
-        pass
+        self.polled_s = now_s
 
     def close(self):
         self.closed = True

@@ -102,6 +102,12 @@ def test_losses_before_the_start_are_reported_to_every_later_peer(make_rig, text
     ]
 
 
+def test_new_station_gets_all_losses_when_its_address_is_proven(make_rig, texts):
+    lost = [Event(Severity.WARNING, f"{number}: {'x' * 45}") for number in range(10)]
+    rig = make_rig(addresses=(), start_events=lost)
+    assert texts(rig.prove()) == [event.text for event in lost]
+
+
 def test_events_per_tick_are_limited(rig, texts):
     assert texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)])) == list(map(str, range(16)))
 
@@ -209,8 +215,14 @@ def test_critical_faults_are_in_the_heartbeat(rig, of):
     assert beat.system_status == mavlink.MAV_STATE_CRITICAL
 
 
-def test_close_closes_the_transports(rig):
+def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
+    rig.tick(seconds=5.0)
+    assert rig.transport.polled_s == rig.now_s
+    rig.transport.is_writable = False
+    rig.tell(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+    rig.transport.is_writable = True
     rig.endpoint.close()
+    assert of(rig.replies(), "PING")
     assert rig.transport.closed
 
 

@@ -93,6 +93,17 @@ def test_command_on_two_paths_is_executed_once(router):
     assert [round(math.degrees(turn.heading_rad)) for turn in turns(router.rig)] == [10, 10]
 
 
+def test_two_ports_of_one_computer_that_send_at_the_same_time_are_both_served(make_rig):
+    rig = make_rig(addresses=())
+    ports = {("10.0.0.1", 1), ("10.0.0.1", 2)}
+    for _ in range(10):
+        frame = rig.frame(BEAT)
+        for address in sorted(ports):
+            rig.give(frame, address)
+            rig.now_s += 0.5
+    assert {peer.address for peer in rig.endpoint._peers} == ports
+
+
 def test_late_duplicate_does_not_undo_a_later_command(router):
     for first, then in ((arm(1.0), arm(0.0)), (parameter(0.5), parameter(0.7))):
         router.send(first, [(RADIO, 0.0), (OTHER, 3.0)])

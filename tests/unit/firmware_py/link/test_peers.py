@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.link_status import PeerStatus
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.peers import Peer
 from firmware_py.link.signing import timestamp_of
@@ -152,6 +153,25 @@ def test_reply_of_an_unproven_peer_proves_it(is_satellite, sent_bytes):
     for t_s in (0.0, 3.0, 6.0, 9.0, 10.0):
         peer.update_version([Frame(0, b"\xfe")], t_s)
     assert peer.outbox.is_mavlink1_only is (not is_satellite and sent_bytes > 0)
+
+
+def test_start_of_a_frame_of_a_new_peer_is_kept(open_rig):
+    second = open_rig.frame(BEAT)
+    open_rig.give(open_rig.frame(BEAT) + second[:10], "station")
+    open_rig.give(second[10:], "station")
+    assert seated(open_rig) == {"station"}
+
+
+@pytest.mark.parametrize(
+    ("address", "text"), [(("192.0.2.1", 14550), "192.0.2.1:14550"), ("line", "line"), (7, "memory")]
+)
+def test_status_of_a_peer_has_its_address_and_counts(address, text):
+    peer = Peer(MemoryTransport(), address, UnsignedSealer(), 0.0)
+    assert peer.status(12.0, has_place=False) == PeerStatus(text, False, False, False, None, 0, 0, 0)
+    peer.register_reception(20, 10.0)
+    peer.ground_station_s, peer.is_verified = 9.0, True
+    peer.outbox.sent_bytes, peer.outbox.dropped, peer.splitter.rejected = 100, 3, 4
+    assert peer.status(12.0, has_place=True) == PeerStatus(text, True, True, True, 2.0, 100, 3, 4)
 
 
 def test_requests_of_a_peer_that_moves_are_copied():
