@@ -148,6 +148,7 @@ def test_client_connects_to_a_server_that_starts_later_and_reconnects(client, cl
             accepted, _ = listener.accept()
             with accepted:
                 numbers.append(client.addresses()[0])
+                assert has_all_options(client._connection._socket)
                 assert not client.send(numbers[-1] - 1, b"to the former server")
                 assert client.send(numbers[-1], b"hello")
                 accepted.settimeout(5.0)
@@ -170,9 +171,8 @@ def test_client_tries_to_connect_once_per_second(client, monkeypatch):
     assert attempts == [0, 10, 20, 30]
 
 
-def test_vanished_client_is_detected_and_a_slow_one_gets_no_old_data(server, connect):
-    connect()
-    (connection,) = server._clients.values()
+def has_all_options(connected):
+    """Whether a vanished peer is detected in time, and a slow one is sent no old data."""
     levels = {
         socket.IPPROTO_TCP: {
             socket.TCP_NODELAY: 1,
@@ -184,9 +184,15 @@ def test_vanished_client_is_detected_and_a_slow_one_gets_no_old_data(server, con
         socket.SOL_SOCKET: {socket.SO_KEEPALIVE: 1, socket.SO_RCVBUF: 2 * 32_768},  # the system doubles the size
     }
     for level, options in levels.items():
-        assert {option: connection._socket.getsockopt(level, option) for option in options} == options
+        assert {option: connected.getsockopt(level, option) for option in options} == options
+    return not connected.getblocking()
+
+
+def test_connections_detect_vanished_clients_and_send_no_old_data(server, connect):
+    connect()
+    (connection,) = server._clients.values()
+    assert has_all_options(connection._socket)
     assert server._listener.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR) == 1
-    assert not connection._socket.getblocking()
 
 
 def test_client_is_read_in_pieces_of_256_bytes(server, connect):
