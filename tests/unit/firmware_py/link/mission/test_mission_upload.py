@@ -9,40 +9,11 @@ from firmware_py.common.intents import Answer, ReplacePlan, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
+from support.plan_station import ack_message, acks, clear_message, count_message, exchange_as_other, partial_message
 
 BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 RADIO = {"byte_rate": 5760.0, "has_radio_rates": True, "is_datagram": False}
-OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 BOTH_IDENTITIES = pytest.mark.parametrize("identity", [0, 3])
-
-
-def count_message(number, kind=0):
-    return mavlink.MAVLink_mission_count_message(1, 1, number, kind)
-
-
-def clear_message(kind=0):
-    return mavlink.MAVLink_mission_clear_all_message(1, 1, kind)
-
-
-def ack_message(result):
-    return mavlink.MAVLink_mission_ack_message(1, 1, result, 0)
-
-
-def partial_message(first, last, kind=0):
-    return mavlink.MAVLink_mission_write_partial_list_message(1, 1, first, last, kind)
-
-
-def acks(replies):
-    return [reply.type for reply in replies if reply.get_type() == "MISSION_ACK"]
-
-
-def exchange_as_other(station, message):
-    """Send a message from system 254; return the replies."""
-    return station.protocol(station.rig.give(message.pack(OTHER)))
-
-
-def circle(station):
-    return station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))
 
 
 @BOTH_IDENTITIES
@@ -557,78 +528,3 @@ def test_partial_upload_is_refused_if_the_plan_has_changed(station):
     station.handler.plans_kept = station.handler.plans_kept.replaced(Plan(PlanKind.MISSION))
     assert acks(station.exchange(station.item(1))) == [PlanResult.ERROR]
     assert station.places() == []
-
-
-# ---------------------------------------------------------------------- clearing
-
-
-@pytest.mark.parametrize(
-    ("mission_type", "remaining", "name"),
-    [
-        (0, [1, 2], "Mission"),
-        (1, [0, 2], "Fence"),
-        (2, [0, 1], "Rally points"),
-        (255, [], "Mission, fence and rally points"),
-    ],
-)
-def test_clear_removes_the_plans_of_its_type(station, texts, mission_type, remaining, name):
-    station.upload(station.mission(1))
-    station.upload([circle(station)], 1)
-    station.upload([station.item(0, 5100, kind=2)], 2)
-    replies = station.rig.tell(clear_message(mission_type))
-    (ack,) = station.protocol(replies)
-    assert (ack.type, ack.mission_type, ack.opaque_id) == (0, mission_type, 0)
-    assert texts(replies) == [f"{name} cleared"]
-    assert [int(kind) for kind in PlanKind if station.handler.plans().of(kind).items] == remaining
-
-
-def test_repeated_clear_is_acknowledged_once(station):
-    station.upload(station.mission(1))
-    station.handler.at_once = False
-    assert station.exchange(*[clear_message(255)] * 3) == []
-    (finish_storing,) = station.handler.waiting
-    finish_storing(True)
-    assert acks(station.rig.replies()) == [0]
-    # Empty plans are not stored again.
-    assert acks(station.exchange(*[clear_message(255)] * 2)) == [0, 0]
-    assert acks(station.count(0)) == [0]
-    assert len(station.handler.intents) == 2
-
-
-@pytest.mark.parametrize("other_type", [0, 255])
-def test_simultaneous_clears_of_two_stations_are_both_acknowledged(station, other_type):
-    station.upload(station.mission(1))
-    station.upload([circle(station)], 1)
-    station.handler.at_once = False
-    assert station.exchange(clear_message()) == []
-    assert exchange_as_other(station, clear_message(other_type)) == []
-    for finish_storing in station.handler.waiting:
-        finish_storing(True)
-    replies = [(ack.target_system, ack.type, ack.mission_type) for ack in station.protocol(station.rig.replies())]
-    assert sorted(replies) == sorted([(255, 0, 0), (254, 0, other_type)])
-    assert bool(station.handler.plans().fence.items) is (other_type == 0)
-
-
-def test_clear_that_cannot_be_stored_is_reported(station, texts):
-    station.upload(station.mission(1))
-    station.handler.plans_stored = False
-    replies = station.rig.tell(clear_message(255))
-    assert acks(replies) == [PlanResult.ERROR]
-    assert texts(replies) == ["Mission, fence and rally points not cleared: the disk is full"]
-    assert station.places() == [1]
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        count_message(2, 7),
-        clear_message(7),
-        mavlink.MAVLink_mission_request_list_message(1, 1, 7),
-        mavlink.MAVLink_mission_request_int_message(1, 1, 0, 7),
-        mavlink.MAVLink_mission_request_partial_list_message(1, 1, 0, 0, 7),
-        partial_message(0, 0, 7),
-    ],
-)
-def test_unknown_mission_type_is_refused(station, message):
-    (ack,) = station.exchange(message)
-    assert (ack.type, ack.mission_type) == (PlanResult.UNSUPPORTED, 7)

@@ -6,6 +6,7 @@ import select
 import socket
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -66,10 +67,13 @@ def test_udpout_sends_first_and_receives_the_reply(udpout, station):
 
 
 @pytest.mark.parametrize("kind", ["udpout", "udpin"])
-def test_datagrams_may_be_fragmented(request, kind):
+def test_datagrams_may_be_fragmented_and_many_may_wait(request, kind):
     ip_mtu_discover, ip_pmtudisc_dont = 10, 0
     used = request.getfixturevalue(kind)._socket
     assert used.getsockopt(socket.IPPROTO_IP, ip_mtu_discover) == ip_pmtudisc_dont
+    largest = int(Path("/proc/sys/net/core/wmem_max").read_text())
+    # The system doubles the size.
+    assert used.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * min(262_144, largest)
 
 
 @pytest.mark.parametrize(("target", "is_received"), [("127.0.0.1", True), ("127.0.0.2", False)])
