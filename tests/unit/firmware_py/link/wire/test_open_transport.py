@@ -127,11 +127,15 @@ def test_silent_name_server_does_not_block_the_caller(monkeypatch):
         assert reply.wait(TIMEOUT_S)
         return UdpTransport(parse_url("udpout:127.0.0.1:14550"))
 
+    before = set(threading.enumerate())
     link = RetriedTransport(parse_url("udpout:station.example:14550"), open_now, 0.001)
+    (thread,) = set(threading.enumerate()) - before
     assert link.opened is None
     assert "station.example" in link.problem
     link.close()
     reply.set()
+    thread.join(TIMEOUT_S)
+    assert link.opened.descriptors() == (-1,)  # closed again
 
 
 @pytest.mark.parametrize(
