@@ -150,6 +150,21 @@ def test_bytes_that_one_call_searches_are_limited(rig, address, size, count, cal
     assert 1 + rig.finish() == calls
 
 
+def test_refused_bytes_are_counted_in_the_status(rig, of):
+    rig.request_handler.values = rig.request_handler.values.replaced("LNK_MAVLINK1", 0)
+    rig.tick()
+    rig.give(b"noise", "stranger")
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    for _ in range(2):
+        damaged = bytearray(rig.frame(beat))
+        damaged[12] ^= 1
+        rig.give(bytes(damaged))
+    rig.give(beat.pack(rig.station, force_mavlink1=True) * 4)
+    rig.tick()
+    (status,) = of(rig.command(512, 1), "SYS_STATUS")
+    assert status.errors_comm == 1 + 2 + 4
+
+
 def test_notices_are_limited_to_four_and_then_one_in_thirty_seconds(rig, texts):
     rig.tick()
     for seconds, count in ((0.0, 4), (29.9, 0), (0.2, 1), (300.0, 4)):
