@@ -9,7 +9,7 @@ import pytest
 
 from firmware_py.link.wire.open_transport import RetriedTransport, open_transport
 from firmware_py.link.wire.transport_udp import UdpTransport
-from firmware_py.link.wire.urls import LinkError, parse_url
+from firmware_py.link.wire.urls import PLAIN, LinkError, parse_url
 from support.line import FakeLine
 
 TIMEOUT_S = 30.0
@@ -26,6 +26,8 @@ def test_serial_line_is_opened_with_its_baud_rate(line, baud, is_radio):
     transport = open_transport(f"serial:/dev/ttyX:{baud}", lambda path, rate: calls.append((path, rate)) or line)
     assert calls == [("/dev/ttyX", baud)]
     assert (transport.byte_rate, transport.has_radio_rates) == (baud / 10, is_radio)
+    assert (transport.name, transport.options) == (f"serial:/dev/ttyX:{baud}", PLAIN)
+    assert (transport.connections(), transport.host("line")) == ((), "line")
 
 
 def test_serial_line_exchanges_bytes_until_it_is_unplugged(line):
@@ -41,6 +43,16 @@ def test_serial_line_exchanges_bytes_until_it_is_unplugged(line):
     assert transport.blocked_reason == "the line is not there"
     assert transport.descriptors() == ()
     assert not transport.send(address, b"out")
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udpout", "tcpin", "tcpout"])
+@pytest.mark.parametrize(("query", "has_radio_rates"), [("", False), ("?class=radio&route=1", True)])
+def test_socket_has_the_properties_of_its_url(closing_later, free_port, kind, query, has_radio_rates):
+    url = f"{kind}:127.0.0.1:{free_port()}{query}"
+    link = closing_later(open_transport(url, None))
+    assert (link.name, link.options, link.byte_rate) == (url, parse_url(url).options, None)
+    assert (link.has_radio_rates, link.is_datagram, link.is_exposed) == (has_radio_rates, kind.startswith("udp"), False)
+    assert (link.blocked_reason, link.connections()) == ("", ())
 
 
 @pytest.fixture

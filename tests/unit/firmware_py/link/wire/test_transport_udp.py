@@ -58,12 +58,6 @@ def test_udpout_sends_first_and_receives_the_reply(udpout, station):
     assert receive(udpout) == [(target, b"answer")]
     station.sendto(bytes(2100), boat)
     assert len(receive(udpout)[0][1]) == 2048
-    assert (udpout.is_datagram, udpout.is_exposed, udpout.has_radio_rates, udpout.connections()) == (
-        True,
-        False,
-        False,
-        (),
-    )
 
 
 @pytest.mark.parametrize("kind", ["udpout", "udpin"])
