@@ -46,9 +46,7 @@ class Tree(msgspec.Struct, frozen=True):
         """Return the area that contains a path, and the path relative to it; raise Refusal without an area."""
         area = self.areas.get(parts[0]) if parts else None
         if area is None:
-            is_protected = write and (
-                not parts or parts in self.generated or len(parts) == 1 or parts[0] in self.directory_names()
-            )
+            is_protected = write and (len(parts) <= 1 or parts[0] in self.directory_names())
             raise Refusal(Error.FILE_PROTECTED if is_protected else Error.FILE_NOT_FOUND)
         if write and not area.writable:
             raise Refusal(Error.FILE_PROTECTED)

@@ -98,8 +98,6 @@ class Modem:
 
     def restart(self) -> None:
         """Discard the present dialogue and set the modem up again, after the line was lost."""
-        if self._dialogue is not None:
-            self._dialogue.close()
         self._dialogue = self._command = None
         self._buffer = self._output = b""
         self._setup_s = 0.0

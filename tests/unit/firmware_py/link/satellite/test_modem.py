@@ -29,7 +29,7 @@ class ScriptedModem:
         self.delays_s = dict.fromkeys(SESSION, 10.0) | {SIGNAL: 2.0} | dict(delays_s)
         self.replies = {SERIAL_NUMBER: IMEI, STATUS: b"+SBDSX: 0, 1, 0, -1, 0, 0", b"the message": b"0"}
         self.replies[SIGNAL] = b"+CSQ:%d" % signal
-        self.message = MESSAGE
+        self.message, self.piece_bytes = MESSAGE, 4096
         self.commands = []
         self.echoes = self.damages = self.is_silent = False
         self.rejected_commands = ()
@@ -61,8 +61,8 @@ class ScriptedModem:
             self.now_s += step_s
             replies = b"".join(data for at_s, data in self.pending if at_s <= self.now_s)
             self.pending = [(at_s, data) for at_s, data in self.pending if at_s > self.now_s]
-            if replies:
-                self.driver.feed(replies, self.now_s)
+            for start in range(0, len(replies), self.piece_bytes):
+                self.driver.feed(replies[start : start + self.piece_bytes], self.now_s)
             if output := self.driver.update(self.now_s, 1.79e9 + self.now_s):
                 self.reply(output)
         return self
@@ -290,9 +290,11 @@ def test_failure_is_charged_if_the_message_may_have_arrived(status, sent, charge
     assert (modem.driver.counts.sent, modem.driver.ledger.total) == (sent, charged)
 
 
+@pytest.mark.parametrize("piece_bytes", [1, 4096])
 @pytest.mark.parametrize(("size", "is_received"), [(1, True), (255, True), (256, True), (340, True), (341, False)])
-def test_received_message_has_at_most_340_bytes(size, is_received):
+def test_received_message_has_at_most_340_bytes(size, is_received, piece_bytes):
     modem = queue_report(ScriptedModem(RECEIVED, DELIVERED))
+    modem.piece_bytes = piece_bytes
     modem.message = bytes(size - 1) + b"x"
     modem.run(40)
     assert modem.driver.received == [(7, modem.message)] * is_received
