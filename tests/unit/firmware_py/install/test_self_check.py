@@ -170,6 +170,7 @@ def test_program_that_does_not_end_is_given_up(candidate, monkeypatch, name, lim
 @pytest.mark.parametrize("is_readable", [False, True])
 def test_program_has_a_minute_to_report_ready(monkeypatch, is_readable):
     clock_s, bound = [100.0], SimpleNamespace(recv=lambda _size: b"READY=0\nREADY=10")
+    process = SimpleNamespace(poll=lambda: None if clock_s[0] < 200.0 else 0)
 
     def select(*arguments):
         clock_s[0] += arguments[3]
@@ -177,7 +178,7 @@ def test_program_has_a_minute_to_report_ready(monkeypatch, is_readable):
 
     monkeypatch.setattr(self_check, "time", SimpleNamespace(monotonic=lambda: clock_s[0]))
     monkeypatch.setattr(self_check, "select", SimpleNamespace(select=select))
-    assert self_check._await_ready(SimpleNamespace(poll=lambda: None), bound, 100.0) is None
+    assert self_check._await_ready(process, bound, 100.0) is None
     assert clock_s[0] == pytest.approx(160.05, abs=0.06)
 
 

@@ -99,10 +99,15 @@ def test_all_items_of_a_plan_are_read():
     )
     commands = [*[(5001, 3.0)] * 3, *[(5002, 4.0)] * 4, (5004, 250.5), (5000, 0.0)]
     assert [(item.command, item.params[0]) for item in fence.items] == commands
-    assert [(item.command, item.x, item.y, item.z) for item in rally.items] == [
-        (5100, 360_100_000, 1_210_200_000, 0.0),
-        (5100, 360_300_000, 1_210_400_000, 1.5),
-    ]
+    no_params = (0.0, 0.0, 0.0, 0.0)
+    assert fence.items[-2:] == (
+        PlanItem(5004, 0, True, (250.5, 0.0, 0.0, 0.0), 363_000_000, 1_215_000_000, 0.0),
+        PlanItem(5000, 3, True, no_params, 360_500_000, 1_215_000_000, 7.5),
+    )
+    assert rally.items == (
+        PlanItem(5100, 3, True, no_params, 360_100_000, 1_210_200_000, 0.0),
+        PlanItem(5100, 3, True, no_params, 360_300_000, 1_210_400_000, 1.5),
+    )
 
 
 def test_written_plan_has_the_content_of_the_file_read():

@@ -87,13 +87,16 @@ def test_older_fence_and_rally_files_are_read_as_by_pymavlink(tmp_path, mavwp):
     oracle.load(str(path))
     (fence,) = read_plan_file(path.read_bytes(), "fence.txt")
     assert [(item.command, item.params[0]) for item in fence.items] == [(w.command, w.param1) for w in oracle.wpoints]
+    assert {(item.frame, item.autocontinue, item.params[1:]) for item in fence.items} == {(0, True, (0.0, 0.0, 0.0))}
     assert all(
         abs(item.x - w.x) <= 1 and abs(item.y - w.y) <= 1 for item, w in zip(fence.items, oracle.wpoints, strict=True)
     )
     path.write_text("RALLY 36.1 121.1 1.5 0 0 0\nRALLY 36.2 -121.2 0 0 0 0\n")
     (rally,) = read_plan_file(path.read_bytes(), "rally.txt")
-    places = [(item.x, item.y, item.z) for item in rally.items]
-    assert places == [(361_000_000, 1_211_000_000, 1.5), (362_000_000, -1_212_000_000, 0.0)]
+    assert rally.items == (
+        PlanItem(5100, 3, True, (0.0, 0.0, 0.0, 0.0), 361_000_000, 1_211_000_000, 1.5),
+        PlanItem(5100, 3, True, (0.0, 0.0, 0.0, 0.0), 362_000_000, -1_212_000_000, 0.0),
+    )
 
 
 @st.composite

@@ -1,6 +1,7 @@
 """Endings of earlier runs: collected, counted and stored."""
 
 import math
+import os
 import subprocess
 import sys
 
@@ -78,6 +79,22 @@ def test_reason_of_a_run_is_kept_for_an_unexpected_ending(tmp_path, monkeypatch)
         assert (tmp_path / REASON_FILE).stat().st_mode & 0o777 & ~0o640 == 0
         (tmp_path / ENDED_FILE).write_text(f"1 {result}\n")
         assert collect_endings(tmp_path, NOW_S) == (ending,)
+
+
+def test_link_in_place_of_a_file_of_endings_is_removed(tmp_path):
+    (tmp_path / "other").write_text("1 success\n")
+    (tmp_path / ENDED_FILE).symlink_to(tmp_path / "other")
+    assert collect_endings(tmp_path, NOW_S) == ()
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of a file")
+@pytest.mark.parametrize(("owner", "count"), [(0, 1), (4242, 1), (4243, 0)])
+def test_only_files_of_root_and_of_the_service_are_read(tmp_path, monkeypatch, owner, count):
+    monkeypatch.setattr(os, "geteuid", lambda: 4242)
+    (tmp_path / ENDED_FILE).write_text("1 success\n")
+    os.chown(tmp_path / ENDED_FILE, owner, -1)
+    assert len(collect_endings(tmp_path, NOW_S)) == count
 
 
 @pytest.mark.parametrize(("size", "count"), [(1 << 16, 1), ((1 << 16) + 1, 0)])

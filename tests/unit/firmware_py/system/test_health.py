@@ -20,7 +20,8 @@ def test_a_step_of_the_clock_is_reported_for_a_time(step_s, state):
     monitor = ClockMonitor()
     assert monitor.update(make_clock(), 0.0).state is RUNNING
     health = monitor.update(make_clock(step_s), 1.0)
-    assert (health.state, f"{step_s:+.0f} s" in health.text) == (state, state is FAULTY)
+    text = f"the clock was stepped by {step_s:+.0f} s" if state is FAULTY else ""
+    assert health == DeviceHealth(1.0, DeviceRole.CLOCK, state, 0, 0, text)
     assert monitor.update(make_clock(step_s), 0.9 + STEP_REPORT_S).state is state
     assert monitor.update(make_clock(step_s), 1.0 + STEP_REPORT_S).state is RUNNING
 
@@ -44,6 +45,9 @@ class Boat:
 def test_changes_are_reported_once_and_at_intervals():
     boat = Boat()
     assert boat.update(0.0) == [(DeviceRole.COMPASS, RUNNING, ""), (DeviceRole.STORAGE, RUNNING, "")]
+    link, storage = (boat.monitor.latest[role] for role in (DeviceRole.LINK, DeviceRole.STORAGE))
+    assert link == DeviceHealth(0.0, DeviceRole.LINK, DeviceState.STARTING, 0, 0)
+    assert storage == DeviceHealth(0.0, DeviceRole.STORAGE, RUNNING, 0, 0)
     boat.compass_state = SILENT
     assert boat.update(0.4) == []
     assert boat.update(0.5) == [(DeviceRole.COMPASS, SILENT, "")]
@@ -62,6 +66,8 @@ def test_failures_of_storage_and_key_and_a_silent_station_are_reported():
         (DeviceRole.LINK, RUNNING, ""),
         (DeviceRole.KEY, FAULTY, "the signing key is lost"),
     ]
+    storage = boat.monitor.latest[DeviceRole.STORAGE]
+    assert storage == DeviceHealth(1.0, DeviceRole.STORAGE, FAULTY, 0, 1, "a cannot be stored")
     boat.monitor.blocked_threads = "log"
     assert boat.update(1.0 + STATION_TIMEOUT_S) == [(DeviceRole.STORAGE, FAULTY, "disk not responding: log")]
     assert boat.update(1.5 + STATION_TIMEOUT_S) == [(DeviceRole.LINK, SILENT, "")]
