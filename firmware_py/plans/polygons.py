@@ -85,11 +85,9 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
         y = vertex.y
         if points:
             y += _FULL_CIRCLE * round((points[-1][1] - y) / _FULL_CIRCLE)
-        if not points or points[-1] != (vertex.x, y):
-            points.append((vertex.x, y))
-    if len(points) > 1 and points[0] == points[-1]:
-        points.pop()
-    return list(zip(points, [*points[1:], points[0]], strict=True))
+        points.append((vertex.x, y))
+    edges = zip(points, [*points[1:], points[0]], strict=True)
+    return [(start, end) for start, end in edges if start != end]
 
 
 def _find_crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
