@@ -106,6 +106,36 @@ def test_status_is_written_and_removed_at_the_end(vehicle, tmp_path):
     assert find_status(tmp_path / "state", machine_s()).freshness is Freshness.ABSENT
 
 
+class FakeLockstepClock:
+    """The clock of the laboratory, without its socket."""
+
+    def __init__(self, path, names, written, settle, descriptors):
+        self.path, self.names = path, names
+        self.written, self.settle, self.descriptors = written, settle, descriptors
+
+    def now_s(self):
+        return 7.0
+
+    def utc_s(self):
+        return 1.7e9
+
+
+@pytest.mark.parametrize(("status", "freshness"), [(False, Freshness.ABSENT), (True, Freshness.RUNNING)])
+def test_lockstep_has_the_time_of_the_laboratory_and_a_status_on_request(
+    vehicle, tmp_path, monkeypatch, status, freshness
+):
+    monkeypatch.setattr("firmware_py.assemble.wiring.LockstepClock", FakeLockstepClock)
+    assembly = assemble(vehicle, Options(tmp_path / "state", wait=True, lockstep="socket", status=status))
+    clock, parts = assembly.parts.clock, assembly.parts
+    assert (clock.path, clock.names, clock.written(), clock.descriptors()) == (
+        "socket", ["/dev/none-a", "/dev/none-b"], [0, 0], [-1, -1],
+    )  # fmt: skip
+    assert (clock.settle, parts.tick_on_compass) == (parts.store.settle, False)
+    parts.after_tick(Output(RudderCommand(0.0, True), SNAPSHOT, ()), 1.0)
+    assert find_status(tmp_path / "state", machine_s()).freshness is freshness
+    assembly.close()
+
+
 def test_close_ends_all_threads(vehicle, tmp_path):
     before = set(threading.enumerate())
     start(vehicle, tmp_path)

@@ -81,7 +81,8 @@ def test_depth_length_and_characters_of_names_are_limited(client, opcode, path, 
 def test_size_of_more_than_239_bytes_is_refused(client):
     client.ask(OPEN, LOG)
     assert client.ask(READ, size=239).ok
-    assert client.ask(READ, size=240).error == (SIZE,)
+    reply = client.ask(READ, size=240, offset=5, sequence=70)
+    assert (reply.error, reply.sequence, reply.session, reply.query, reply.offset) == ((SIZE,), 71, 0, READ, 0)
 
 
 def test_requests_to_other_components_are_ignored(client):
@@ -139,6 +140,19 @@ def test_pages_of_a_long_listing_come_from_one_of_eight_snapshots(client, disk, 
     numbers = [int(name[1:].split(".")[0]) for name in names]
     assert numbers[:12] == list(range(1, 13))
     assert (numbers == list(range(1, len(names) + 1))) is is_stored
+
+
+@pytest.mark.parametrize(("length", "count"), [(31, 4), (32, 3)])
+def test_page_of_a_listing_has_at_most_239_bytes(client, uploads, length, count):
+    for name in ("a" * 64, "b" * 64, "c" * 64, "d" * length):  # 204 bytes, and 4 more than the length
+        (uploads / name).touch()
+    assert client.ask(LIST, "uploads").data.count(b"\0") == count
+
+
+def test_size_of_a_file_of_more_than_4_gib_is_the_largest_number(client, disk):
+    os.truncate(disk / LOG, (1 << 32) + 5)
+    assert client.ask(OPEN, LOG).data == b"\xff" * 4
+    assert client.ask(READ, offset=0xFFFFFFFF, size=10).data == bytes(6)
 
 
 def test_empty_directory_has_no_entries(client):
