@@ -20,33 +20,33 @@ MAX_LINE_BYTES: Final = 1 << 14
 MAX_TEXT_CHARACTERS: Final = 300
 MAX_NUMBER: Final = 1e15
 
-# Column of the page: section of the status (empty: top level), key, factor.
-STATUS_COLUMNS: Final[Mapping[str, tuple[str, str, float]]] = {
-    "lat_deg": ("position", "lat_deg", 1.0),
-    "lon_deg": ("position", "lon_deg", 1.0),
-    "compass_deg": ("", "heading_deg", 1.0),
-    "heading_deg": ("estimate", "heading_deg", 1.0),
-    "goal_deg": ("", "goal_deg", 1.0),
-    "error_deg": ("", "error_deg", -1.0),  # the page shows heading minus goal
-    "yaw_rate_deg_s": ("", "yaw_rate_deg_s", 1.0),
-    "rudder_deg": ("rudder", "angle_deg", 1.0),
-    "rudder_estimated_deg": ("rudder", "estimated_deg", 1.0),
-    "command_deg": ("rudder", "command_deg", 1.0),
-    "cross_track_m": ("navigation", "cross_track_m", 1.0),
-    "fence_margin_m": ("navigation", "fence_margin_m", 1.0),
-    "ground_m_s": ("position", "sog_m_s", 1.0),
-    "water_m_s": ("estimate", "speed_m_s", 1.0),
-    "current_m_s": ("estimate", "current_m_s", 1.0),
-    "wave_period_s": ("estimate", "wave_period_s", 1.0),
-    "wave_sd_deg": ("estimate", "wave_sd_deg", 1.0),
-    "battery_v": ("power", "battery_v", 1.0),
-    "charge_percent": ("power", "charge_percent", 1.0),
-    "servo_w": ("energy", "servo_power_w", 1.0),
-    "solar_w": ("power", "solar_w", 1.0),
-    "load_w": ("power", "load_w", 1.0),
-    "wind_m_s": ("wind", "wind_m_s", 1.0),
-    "gust_m_s": ("wind", "gust_m_s", 1.0),
-    "depth_m": ("depth", "depth_m", 1.0),
+# Column of the page: section of the status (empty: top level) and key.
+STATUS_COLUMNS: Final[Mapping[str, tuple[str, str]]] = {
+    "lat_deg": ("position", "lat_deg"),
+    "lon_deg": ("position", "lon_deg"),
+    "compass_deg": ("", "heading_deg"),
+    "heading_deg": ("estimate", "heading_deg"),
+    "goal_deg": ("", "goal_deg"),
+    "error_deg": ("", "error_deg"),
+    "yaw_rate_deg_s": ("", "yaw_rate_deg_s"),
+    "rudder_deg": ("rudder", "angle_deg"),
+    "rudder_estimated_deg": ("rudder", "estimated_deg"),
+    "command_deg": ("rudder", "command_deg"),
+    "cross_track_m": ("navigation", "cross_track_m"),
+    "fence_margin_m": ("navigation", "fence_margin_m"),
+    "ground_m_s": ("position", "sog_m_s"),
+    "water_m_s": ("estimate", "speed_m_s"),
+    "current_m_s": ("estimate", "current_m_s"),
+    "wave_period_s": ("estimate", "wave_period_s"),
+    "wave_sd_deg": ("estimate", "wave_sd_deg"),
+    "battery_v": ("power", "battery_v"),
+    "charge_percent": ("power", "charge_percent"),
+    "servo_w": ("energy", "servo_power_w"),
+    "solar_w": ("power", "solar_w"),
+    "load_w": ("power", "load_w"),
+    "wind_m_s": ("wind", "wind_m_s"),
+    "gust_m_s": ("wind", "gust_m_s"),
+    "depth_m": ("depth", "depth_m"),
 }
 
 # Columns that are empty while their sensor has timed out, with the validity flag in the status.
@@ -136,6 +136,8 @@ class Feed:
         # A stale status adds no values; the harness may still add its own.
         current = status if reading.freshness is Freshness.RUNNING else {}
         columns = {name: _value(current, *source) for name, source in STATUS_COLUMNS.items()}
+        if (error_deg := columns["error_deg"]) is not None:
+            columns["error_deg"] = -error_deg  # the page shows heading minus goal
         columns |= {name: None for name, flag in VALIDITY_FLAGS.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
             columns["cross_track_m"] = None  # the boat does not follow a line
@@ -188,9 +190,9 @@ def _entry(status: Status, section: str, key: str) -> Any:
     return (status.get(section) or {} if section else status).get(key)
 
 
-def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float | None:
+def _value(status: Status, section: str, key: str) -> float | None:
     value = _entry(status, section, key)
-    return value * factor if isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER else None
+    return value if isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER else None
 
 
 def _target(status: Status) -> list[float | None] | None:

@@ -19,7 +19,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.cli import check as command
 from firmware_py.cli import preflight
-from firmware_py.cli.bench_session import BenchDevice
+from firmware_py.cli.bench_session import SECTION_ORDER, BenchDevice, BenchSession
 from firmware_py.cli.check import check_device
 from firmware_py.cli.preflight import Level
 from firmware_py.common.parameters import ParameterSet
@@ -391,6 +391,14 @@ def test_modem_has_twelve_seconds_for_its_reply(monkeypatch, reply_s, level, wai
     monkeypatch.setattr(preflight, "time", SimpleNamespace(sleep=sleep))
     assert preflight._check_modem("sbd:x", modem).level is level
     assert (polls_s[1], now_s[0]) == (pytest.approx(100.05), pytest.approx(100.0 + waited_s, abs=0.06))
+
+
+def test_devices_are_polled_ten_times_a_second():
+    times_s = [0.0]
+    session = BenchSession(SimpleNamespace(**dict.fromkeys(SECTION_ORDER)))
+    session._clock = SimpleNamespace(now_s=lambda: times_s[-1], wait=lambda end_s, _descriptors: times_s.append(end_s))
+    assert len(list(session.listen(2.95))) == 30
+    assert times_s[1] == pytest.approx(0.1)
 
 
 def test_devices_are_read_for_three_seconds(monkeypatch):

@@ -13,6 +13,10 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     assert (heading["line"], heading["type"], heading["heading_true_deg"]) == (1, "heading", 341.8)
     assert main(["decode", "nmea", str(file)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 2
+    with (tmp_path / "huge").open("wb") as huge:
+        huge.truncate((256 << 20) + 1)
+    assert main(["decode", "nmea", str(tmp_path / "huge")]) == 2
+    assert "large" in capsys.readouterr().err
     assert main(["decode", "pigeon", str(file)]) == 2
     assert "pigeon" in capsys.readouterr().err
     assert (error["line"], error["type"], error["error"]) == (2, "error", "checksum")

@@ -15,8 +15,8 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli.export import mcap_file, table
-from firmware_py.cli.export.messages import Message
-from firmware_py.log.dataflash import header
+from firmware_py.cli.export.messages import Message, read_messages
+from firmware_py.log.dataflash import MessageType, header
 from firmware_py.log.schema import TYPES
 from hil.__main__ import main as hil_main
 from support.full_log import TICKS, write_log
@@ -172,6 +172,16 @@ def leaves(node):
     assert node["direction"] in {"row", "column"}
     assert 0 < node["splitPercentage"] < 100
     return leaves(node["first"]) + leaves(node["second"])
+
+
+def test_integers_of_a_log_are_scaled():
+    kind = MessageType(200, "INT", "TimeUS,A,B,C,D,E,F,G", "QcCeELaN", "s" + "-" * 7, "F" + "-" * 7)
+    data = header((kind,), 0) + kind.pack(2_500_000, -150, 250, -350, 450, 1_234_567_890, b"array", b"text")
+    (message,) = read_messages(data, {"INT"})
+    assert message.t_s == 2.5
+    values = {"TimeUS": 2_500_000, "A": -1.5, "B": 2.5, "C": -3.5, "D": 4.5, "E": 123.456789}
+    assert message.values.pop("G") == "text"
+    assert message.values == pytest.approx(values)  # without the array
 
 
 def test_gpx_has_track_in_utc_and_mission(export):

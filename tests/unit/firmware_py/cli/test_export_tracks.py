@@ -189,8 +189,9 @@ def test_fence_that_crosses_the_180th_meridian_is_split_into_lines(first_corner,
     assert [line[0] for line in rings] == [line[-1] for line in rings]
 
 
-def test_circle_that_crosses_the_180th_meridian_is_split_into_lines():
-    tracks = Tracks(points(0.0), fence=[corner(93, 0.0, 180.0, radius_m=500.0)])
+@pytest.mark.parametrize("kind", [92, 93])
+def test_circle_that_crosses_the_180th_meridian_is_split_into_lines(kind):
+    tracks = Tracks(points(0.0), fence=[corner(kind, 0.0, 180.0, radius_m=500.0)])
     assert list(kml_lines(tracks, "LinearRing")) == []
     outlines = list(kml_lines(tracks, "LineString"))[1:]
     assert sum(map(len, outlines)) == 37 + 2 * (len(outlines) - 1)

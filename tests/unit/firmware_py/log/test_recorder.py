@@ -7,6 +7,7 @@ import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, Inputs, NorthReference, RudderFeedback
+from firmware_py.log import recorder as recorder_module
 from firmware_py.log.dataflash import Parser
 from firmware_py.log.disk import LocalDisk, log_files
 from firmware_py.log.reader import LogReader
@@ -224,6 +225,17 @@ def test_an_unwritable_directory_is_a_fault_and_no_exception(tmp_path, fake):
     health = recorder.health(1.0)
     assert (health.state, health.accepted, health.rejected) == (DeviceState.FAULTY, 0, 3)
     assert health.text.startswith("log: ")
+
+
+def test_the_writer_gets_a_file_less_than_the_total_and_writes_each_second(tmp_path, fake, monkeypatch):
+    writers = []
+    monkeypatch.setattr(recorder_module, "LogWriter", lambda *_words, **options: writers.append(options))
+    fake.make_recorder(tmp_path, file_bytes=300, max_total_bytes=1000, min_free_bytes=7)
+    fake.make_recorder(tmp_path, file_bytes=600, max_total_bytes=1000, wait_for_disk=True)
+    names = ("room_bytes", "min_free_bytes", "flush_s", "queue_batches", "queue_bytes", "wait_for_disk")
+    assert [[options[name] for name in names] for options in writers] == [
+        [700, 7, 1.0, 2048, 4_194_304, False], [500, 0, 1.0, 2048, 4_194_304, True]
+    ]  # fmt: skip
 
 
 def test_the_health_names_a_dead_writer_and_a_nearly_full_disk(tmp_path, fake):

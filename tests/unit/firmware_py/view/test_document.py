@@ -69,6 +69,8 @@ def test_text_contrast_meets_wcag_aa(scheme, text, ground):
 def test_non_finite_values_are_null():
     data = voyage({"time_s": [0.0, 1.0], "heading_deg": [math.nan, 1.23456]}, [(math.nan, 1, "x"), (1.0, 2, "y")])
     assert data["columns"] == {"time_s": [0.0, 1.0], "heading_deg": [None, 1.235]}
+    places = {"lat_deg": [36.123456789], "lon_deg": [math.inf]}
+    assert voyage(places, [])["columns"] == {"lat_deg": [36.1234568], "lon_deg": [None]}
     assert data["marks"] == [[1.0, 2, "y"]]
     json.dumps(data, allow_nan=False)
 
@@ -76,6 +78,22 @@ def test_non_finite_values_are_null():
 def test_plan_rows_are_in_degrees():
     item = PlanItem(17, params=(0.0, math.nan, 40.0, 0.0), x=361234567, y=-1210000000)
     assert plan_rows(Plan.of(PlanKind.MISSION, [item])) == [[17, 0.0, None, 40.0, 0.0, 36.1234567, -121.0]]
+
+
+def test_axes_have_a_smallest_span_and_include_zero_except_for_levels():
+    spans = [10.0, 2.0, 0.2, 4.0, 4.0, 10.0, 0.2, 2.0, 0.5, 5.0, 1.0, 2.0, 2.0, 1.0]
+    assert [panel.min_span for panel in PANELS] == spans
+    titles = {"heading (deg)", "battery voltage (V)", "battery charge (%)"}
+    assert {panel.title for panel in PANELS if not panel.zero} == titles
+    assert [panel.title for panel in PANELS if panel.wrap and panel.tall] == ["heading (deg)"]
+    assert sum(panel.wrap + panel.tall + panel.step for panel in PANELS) == 3
+    assert [panel.title for panel in PANELS if panel.step] == ["active faults"]
+    assert {panel.title: panel.band for panel in PANELS if panel.band} == {"heading error (deg)": 3.0}
+
+
+def test_times_of_marks_are_rounded_to_hundredths():
+    assert voyage({}, [(1.23456, 4, "x")], PANELS[:1])["marks"] == [[1.23, 4, "x"]]
+    assert len(voyage({}, [], PANELS[:1])["panels"]) == 1
 
 
 def test_line_looks_are_css_classes():

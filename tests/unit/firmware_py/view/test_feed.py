@@ -203,7 +203,7 @@ def test_status_of_another_version_is_reported(rig, changes):
 
 def test_columns_have_the_values_of_the_status_and_the_error_is_heading_minus_goal(rig):
     sections = {}
-    for section, name, _ in STATUS_COLUMNS.values():
+    for section, name in STATUS_COLUMNS.values():
         (sections.setdefault(section, {}) if section else sections)[name] = 2.0
     rig.advance(heading_ok=True, **{k: v for k, v in sections.items() if k != "navigation"},
                 navigation={**sections["navigation"], "activity": "LINE"})  # fmt: skip

@@ -155,6 +155,25 @@ def test_reader_without_updates_receives_keep_alive_comments(site, monkeypatch):
     assert [reader.next()[0] for _ in range(3)] == ["whole", "", ""]
 
 
+def test_a_reader_waits_15_s_for_updates():
+    hub, waits_s = Hub(bytes), []
+
+    class Condition:
+        def __enter__(self):
+            pass
+
+        def __exit__(self, *_error):
+            pass
+
+        def wait_for(self, is_new, timeout_s):
+            waits_s.append((is_new(), timeout_s))
+
+    hub._condition = Condition()
+    assert hub.next((0, 0)) == ((0, 0), [])
+    assert hub.next(None)[1] == [("whole", b"")]
+    assert waits_s == [(False, 15.0)]
+
+
 def test_readers_up_to_24_receive_updates(site):
     readers = [site.read() for _ in range(24)]
     refused = site.request(target="/events")
