@@ -82,6 +82,8 @@ def repeat_unnecessarily(timer, start_s, second_response_s):
 )
 def test_second_responses_show_that_repetitions_were_unnecessary(seconds, is_learned):
     timer = RetryTimer(FAST)
+    timer.start_request(0.0)
+    timer.add_second_response(0.1)  # of an earlier exchange
     for number, second_response_s in enumerate(seconds):
         repeat_unnecessarily(timer, 10.0 * number, second_response_s)
     timer.start_request(100.0)
