@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from firmware_py.common.intents import SetParameter
+from firmware_py.common.intents import Answer, SetParameter, Verdict
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
@@ -115,6 +115,32 @@ def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
     values = {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")}
     assert values == {"CTL_K1": 41.5, "CTL_K2": 1.0}
     assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
+
+
+@pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
+def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_station, texts, reason, text):
+    client = ftp_station(rig)
+    client.ask(6, "@PARAM/param.pck")
+    client.ask(7, encode({"CTL_K1": 41.5}))
+    rig.request_handler.answer = Answer(Verdict.DENIED, reason)
+    assert texts(rig.tell(client.request(1))) == [f"@PARAM/param.pck: {text}"]
+
+
+@pytest.mark.parametrize(
+    ("is_stored", "text"),
+    [
+        (True, "LOG_KEEP_MB, LNK_SYSID: takes effect at the next start"),
+        (False, "CTL_K1, CTL_K2, LOG_KEEP_MB active but not stored"),
+    ],
+)
+def test_upload_is_reported_after_storing(rig, ftp_station, texts, is_stored, text):
+    client = ftp_station(rig)
+    rig.request_handler.at_once = False
+    client.ask(6, "@PARAM/param.pck")
+    client.ask(7, encode({"CTL_K1": 41.0, "CTL_K2": 7.0, "LOG_KEEP_MB": 100.0, "LNK_SYSID": 7.0}))
+    assert rig.tell(client.request(1)) == []
+    rig.request_handler.waiting.pop()(is_stored)
+    assert texts(rig.replies())[0] == text
 
 
 def test_upload_requests_only_changes_and_the_fence(rig, ftp_station):
