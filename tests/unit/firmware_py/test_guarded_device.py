@@ -272,6 +272,14 @@ def test_driver_that_exits_does_not_end_the_autopilot(driver, line):
     assert device.health(5.0).text.startswith("driver of package acme 1.0: SystemExit: 3 (")
 
 
+def test_sample_of_the_future_is_refused_from_the_first_read(driver, line):
+    driver.results["poll"] = (HeadingSample(0.6, 1.0, NorthReference.TRUE),)
+    device = guard(driver, line)
+    device.receive(0.5)
+    assert list(device.poll()) == []
+    assert device.health(0.5).text == "driver of package acme 1.0: ValueError: t_s is 0.6, now is 0.5"
+
+
 def test_samples_without_an_end_are_not_collected(driver, line):
     driver.results["poll"] = itertools.repeat(GOOD)
     device = guard(driver, line)

@@ -57,7 +57,7 @@ def test_watchdogs_are_served_once_a_second_with_the_mode(boat):
 @pytest.mark.parametrize(
     ("progress", "text", "end_s"),
     [
-        (Progress("writer", has_work=True, done=5), "writer: no progress for 15 s", 16.0),
+        (Progress("writer", has_work=True, done=1), "writer: no progress for 15 s", 16.0),
         (Progress("writer", has_work=True, done=5, alive=False), "writer: has ended", 0.0),
     ],
 )

@@ -151,11 +151,13 @@ def test_silent_sensor_is_replaced_by_the_estimate_from_its_last_angle(rudder):
     assert rudder.severities == [Severity.WARNING, Severity.NOTICE]
 
 
-def test_estimate_begins_at_the_newer_of_servo_and_sensor(rudder):
+@pytest.mark.parametrize(("servo_ticks", "begin_rad"), [(0, -0.2), (1, 0.4), (15, 0.4)])
+def test_estimate_begins_at_the_newer_of_servo_and_sensor(rudder, servo_ticks, begin_rad):
     rudder.tick(0.4, sensor_rad=-0.2)
-    for _ in range(15):
+    for _ in range(servo_ticks):
         rudder.tick(0.4)
-    assert rudder.tick().angle_rad == 0.4
+    rudder.index += 50
+    assert rudder.tick().angle_rad == begin_rad
 
 
 def test_sensor_measures_without_feedback_of_the_servo(rudder):

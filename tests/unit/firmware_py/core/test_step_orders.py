@@ -108,6 +108,17 @@ def test_auto_restarts_a_complete_mission(progress, expected):
     assert accepted.guidance.mission == replace(mission, **expected)
 
 
+def test_mission_sets_home_to_the_present_position():
+    boat = Boat()
+    boat.position = FIX
+    boat.run(1.0)
+    boat.tick(SetHome(0.4, 0.1))
+    items = [PlanItem(Command.SET_HOME, 0, params=(1.0, 0.0, 0.0, 0.0)), PlanItem(Command.YAW, frame=2)]
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, items)))
+    boat.get_under_way(Mode.AUTO).run(1.0)
+    assert (boat.state.home.latitude_rad, boat.state.home.longitude_rad) == pytest.approx((0.5, 0.5), abs=1e-6)
+
+
 @pytest.mark.parametrize("place", [(0.5, None), (None, 0.5)])
 def test_home_without_coordinates_is_the_present_position(place):
     boat = Boat()

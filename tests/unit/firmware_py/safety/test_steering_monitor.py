@@ -7,7 +7,7 @@ from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, rk4_step
 from firmware_py.safety.steering_loss import restart_after_gap
-from firmware_py.safety.steering_monitor import NO_BLOCK, SteeringInput, SteeringMonitorState, update
+from firmware_py.safety.steering_monitor import NO_BLOCK, SteeringInput, SteeringMonitorState, at_speed, update
 
 K, T = 0.049, 4.0
 MODEL = KtModel.of(ParameterSet())
@@ -219,6 +219,14 @@ def test_trim_is_learned_in_a_minute_but_not_in_a_turn():
     for _ in range(300):
         boat.tick(0.5, 1.0)
     assert boat.state.slow_rudder_rad == learned_rad
+
+
+@pytest.mark.parametrize(("ratio", "limited"), [(0.0, 0.1), (0.11, 0.11), (1.0, 1.0), (9.9, 9.9), (11.0, 10.0)])
+def test_speed_of_the_model_is_limited(ratio, limited):
+    model = at_speed(MODEL, ratio * MODEL.speed_m_s)
+    assert model == at_speed(MODEL, limited * MODEL.speed_m_s)
+    assert model.speed_m_s == pytest.approx(limited * MODEL.speed_m_s)
+    assert model.turning_ability_1_s == pytest.approx(limited * MODEL.turning_ability_1_s)
 
 
 def test_block_lasts_2_s():

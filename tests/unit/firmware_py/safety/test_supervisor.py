@@ -1,4 +1,4 @@
-"""Limit of the rudder without a heading."""
+"""End of a failsafe whose mode cannot resume, and limit of the rudder without a heading."""
 
 import math
 
@@ -6,8 +6,25 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.modes import ModeState
-from firmware_py.safety.supervisor import SupervisorState, limit_without_heading
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.faults.table import Fault
+from firmware_py.modes import ModeState, Situation
+from firmware_py.safety.failsafe import FailsafeState
+from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState, apply_failsafe, limit_without_heading
+
+NO_HOME = Situation(1.0, None, position_ok=True, rudder_ok=True)
+
+
+def test_text_of_a_mode_that_cannot_resume_has_at_most_50_characters():
+    failsafe = FailsafeState(fault=Fault.STATION_SILENT, mode=Mode.LOITER)
+    state = SupervisorState(failsafe=failsafe, interrupted=ModeState(Mode.RTL, armed=True))
+    settings = replace(SupervisorSettings.of(ParameterSet()), resume=True)
+    modes = ModeState(Mode.LOITER, armed=True, by_failsafe=True)
+    state = replace(state, failsafe=replace(failsafe, active=1 << Fault.STATION_SILENT))
+    later, kept, (event,) = apply_failsafe(settings, state, modes, 0, NO_HOME, overruled=False)
+    assert event.text == "Failsafe ended: LOITER kept, no home and no rally "
+    assert (later, kept) == (SupervisorState(), modes)
+
 
 GUIDED = ModeState(Mode.GUIDED, armed=True)
 IDLE = SupervisorState()
