@@ -92,7 +92,7 @@ def parse_file(text: str, source: str) -> dict[str, float]:
     values: dict[str, float] = {}
     problems: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split("#", 1)[0].replace(",", " ").split()
+        fields = line.partition("#")[0].replace(",", " ").split()
         if not fields:
             continue
         try:

@@ -73,6 +73,7 @@ def test_tracks_across_the_date_line_and_the_pole():
     assert position.remaining_m == pytest.approx(1e-5 * math.cos(0.1) * EARTH_RADIUS_M, rel=1e-3)
     polar = track(Place(1.57, 0.0), Place(1.57, math.pi), Place(math.pi / 2, 0.3))
     assert abs(polar.cross_track_m) < 1e-3
+    assert math.cos(polar.course_rad) == pytest.approx(1.0)  # at the pole, as seen on the prime meridian
 
 
 @given(places, st.floats(-2000.0, 2000.0), st.floats(-2000.0, 2000.0))

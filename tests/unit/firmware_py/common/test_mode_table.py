@@ -2,9 +2,8 @@
 
 import itertools
 
+from firmware_py.common import mode_table
 from firmware_py.common.mode_table import (
-    FAILSAFE_MODES,
-    MODES,
     BaseMode,
     Mode,
     Need,
@@ -27,25 +26,24 @@ def test_requirements_and_rudder_sources_keep_their_numbers():
 
 
 def test_every_mode_has_a_title_of_at_most_34_characters():
-    assert list(MODES) == list(Mode)
-    assert all(row.title.startswith(mode.name) and len(row.title) <= 34 for mode, row in MODES.items())
+    assert list(mode_table.MODES) == list(Mode)
+    assert all(row.title.startswith(mode.name) and len(row.title) <= 34 for mode, row in mode_table.MODES.items())
 
 
-def test_failsafe_values_are_consecutive_and_unique():
-    assert list(FAILSAFE_MODES) == list(range(1, len(FAILSAFE_MODES) + 1))
-    assert [mode for mode, row in MODES.items() if row.failsafe] == sorted(FAILSAFE_MODES.values())
+def test_failsafe_parameters_keep_their_values():
+    assert mode_table.FAILSAFE_MODES == {1: Mode.HOLD, 2: Mode.STEERING, 3: Mode.LOITER, 4: Mode.RTL}
 
 
 def test_each_fallback_has_fewer_requirements():
     assert failsafe_ladder(Mode.RTL) == (Mode.RTL, Mode.LOITER, Mode.STEERING, Mode.HOLD)
-    for mode in FAILSAFE_MODES.values():
+    for mode in mode_table.FAILSAFE_MODES.values():
         ladder = failsafe_ladder(mode)
-        assert MODES[ladder[-1]].needs == ()
+        assert mode_table.MODES[ladder[-1]].needs == ()
         for preferred, fallback in itertools.pairwise(ladder):
-            assert set(MODES[fallback].needs) < set(MODES[preferred].needs)
+            assert set(mode_table.MODES[fallback].needs) < set(mode_table.MODES[preferred].needs)
 
 
 def test_only_modes_with_heading_control_accept_goals_or_follow_tasks():
-    for row in MODES.values():
+    for row in mode_table.MODES.values():
         goals = row.heading_goals or row.position_goals or row.follows_task
         assert goals == (row.rudder_by is RudderBy.HEADING)

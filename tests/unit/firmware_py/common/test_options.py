@@ -92,9 +92,13 @@ def test_any_error_of_a_record_is_a_refusal_of_its_values():
         number: int = option("number", default=1)
 
         def __post_init__(self):
+            if self.number == 2:
+                raise ValueError("2 is taken")
             {1: 2}[self.number]
 
     assert record_from(Hasty, {"number": 1}) == Hasty(1)
+    with pytest.raises(ValueError, match=r"^2 is taken$"):
+        record_from(Hasty, {"number": 2})
     with pytest.raises(ValueError, match=r"^options refused by the driver: KeyError: 3$"):
         record_from(Hasty, {"number": 3})
 

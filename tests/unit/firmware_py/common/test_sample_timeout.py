@@ -25,6 +25,11 @@ def test_timeout_before_the_second_sample():
     assert timeout_s(math.nan, 1.0) == 2.5
 
 
+@pytest.mark.parametrize("interval_s", [math.nan, 0.5])
+def test_first_sample_does_not_change_the_interval(interval_s):
+    assert learn_interval_s(interval_s, math.nan, 1.0) == pytest.approx(interval_s, nan_ok=True)
+
+
 def test_timeout_is_at_most_five_minimum_timeouts():
     assert timeout_s(30.0, 1.0) == 5.0
 
