@@ -174,6 +174,23 @@ def test_status_of_a_peer_has_its_address_and_counts(address, text):
     assert peer.status(12.0, has_place=True) == PeerStatus(text, True, True, True, 2.0, 100, 3, 4)
 
 
+def test_modem_reduces_the_rate_of_messages_and_transfers_until_it_is_silent():
+    def sent_frames(now_s):
+        """Return the frames of 10 bytes of a transfer, and the bytes of messages, half a second after an empty line."""
+        peer.bulk.spend(10 * peer.bulk.max_frames(10, 0, now_s))
+        peer.outbox._bytes.spend(peer.outbox.available_bytes(now_s))
+        return peer.bulk.max_frames(10, 0, now_s + 0.25), peer.outbox.available_bytes(now_s + 0.25)
+
+    peer = Peer(MemoryTransport(byte_rate=1600.0), "line", UnsignedSealer(), 0.0)
+    assert sent_frames(1.0) == (28, 400.0)
+    peer.adapt_to_radio(0, 2.0)
+    assert sent_frames(3.0) == (14, 200.0)
+    peer.reset_radio_after_silence(12.0)
+    assert sent_frames(12.0) == (14, 200.0)
+    peer.reset_radio_after_silence(13.0)
+    assert sent_frames(14.0) == (28, 400.0)
+
+
 def test_requests_of_a_peer_that_moves_are_copied():
     old, new = (Peer(MemoryTransport(), address, UnsignedSealer(), 0.0) for address in ("old", "new"))
     old.ground_station_s, old.is_introduced, old.parameter_list_row = 5.0, True, 7

@@ -146,6 +146,13 @@ def test_worker_thread_encodes_and_validates_plans(stored, station, monkeypatch)
     assert is_main_thread == [False] * 3
 
 
+def test_new_plan_is_reported_to_all_stations(ftp_station, station, texts):
+    client = ftp_station(station.rig)
+    client.ask(CREATE, MISSION)
+    client.ask(WRITE, encode(station.mission(3)))
+    assert texts(station.rig.tell(client.request(TERMINATE))) == ["New mission: items 1 to 3"]
+
+
 @pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
 def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, station, texts, reason, text):
     client = ftp_station(station.rig)

@@ -304,9 +304,9 @@ def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued, request
 def test_change_of_an_unproven_peer_is_sent_to_it_and_to_the_others(make_rig, of, name, kind):
     rig = make_rig()
     rig.tick()
-    message = set_message(name, 7.0, kind)
-    rig.transport.inbox.append(("new", rig.frame(message)))
-    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+    rig.request_handler.at_once = False
+    assert rig.tell(set_message(name, 7.0, kind), address="new") != []  # a heartbeat
+    rig.request_handler.waiting.pop()(True)
     sent = list(rig.transport.sent)
     for address in ("station", "new"):
         rig.transport.sent = list(sent)
