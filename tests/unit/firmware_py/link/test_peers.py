@@ -194,17 +194,11 @@ def test_modem_reduces_the_rate_of_messages_and_transfers_until_it_is_silent():
 def test_requests_of_a_peer_that_moves_are_copied():
     old, new = (Peer(MemoryTransport(), address, UnsignedSealer(), 0.0) for address in ("old", "new"))
     old.ground_station_s, old.is_introduced, old.parameter_list_row = 5.0, True, 7
-    names = (
-        "streams",
-        "ground_station_s",
-        "is_introduced",
-        "parameter_list_row",
-        "parameter_rows_due",
-        "extended_rows_due",
-    )
     new.copy_requests(old)
-    for name in names:
-        assert getattr(new, name) is getattr(old, name)
+    assert (new.streams, new.ground_station_s, new.is_introduced) == (old.streams, 5.0, True)
+    assert new.parameter_list_row == 7
+    assert new.parameter_rows_due is old.parameter_rows_due
+    assert new.extended_rows_due is old.extended_rows_due
 
 
 def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):

@@ -23,11 +23,10 @@ class Modem:
         self.rig, self.air_bytes_s = rig, air_bytes_s
         self.buffered_bytes = self.lost_bytes = self.transmitted_bytes = 0
 
-    def run(self, seconds, *, sends_status=True, free_percent=None):
+    def run(self, seconds, *, free_percent=None):
         """Run for some seconds; return the number of bytes that the modem transmitted.
 
-        The modem reports its buffer after each second, unless `sends_status` is False. With `free_percent` it reports
-        this value before each second instead.
+        The modem reports its buffer after each second. With `free_percent` it reports this value before each second instead.
         """
         transmitted_before = self.transmitted_bytes
         for _ in range(seconds):
@@ -41,7 +40,7 @@ class Modem:
                 self.transmitted_bytes += step_bytes
                 self.lost_bytes += max(0, self.buffered_bytes - step_bytes + received_bytes - BUFFER_BYTES)
                 self.buffered_bytes = min(self.buffered_bytes - step_bytes + received_bytes, BUFFER_BYTES)
-            if sends_status and free_percent is None:
+            if free_percent is None:
                 self.report(100.0 - 100.0 * self.buffered_bytes / BUFFER_BYTES)
         return self.transmitted_bytes - transmitted_before
 
@@ -70,30 +69,6 @@ def test_requested_telemetry_uses_the_rate_of_the_radio(make_modem, air_bytes_s)
     sent = modem.run(60)
     assert modem.lost_bytes < 0.05 * sent
     assert sent > 0.6 * 60 * air_bytes_s
-
-
-@pytest.mark.parametrize(("free_percent", "rate_fraction"), [(19, 0.1), (49, 0.4), (91, 1.0)])
-def test_full_buffer_reduces_the_rate(make_modem, free_percent, rate_fraction):
-    modem = make_modem()
-    for _ in range(5):
-        modem.report(free_percent)
-    modem.run(1, sends_status=False)
-    assert rate_fraction - 0.1 < modem.run(4, sends_status=False) / (4 * LINE_BYTES_S) < rate_fraction + 0.1
-
-
-@pytest.mark.parametrize("free_percent", [None, 101, 255])
-def test_full_rate_of_the_line_is_used_without_a_valid_status(make_modem, free_percent):
-    sent = make_modem().run(20, sends_status=False, free_percent=free_percent)
-    assert sent > 0.8 * 20 * LINE_BYTES_S
-
-
-def test_rate_recovers_when_the_status_stops(make_modem):
-    modem = make_modem()
-    for _ in range(10):
-        modem.report(0)
-    assert modem.run(1, sends_status=False) < 0.4 * LINE_BYTES_S
-    modem.run(11, sends_status=False)
-    assert modem.run(1, sends_status=False) > 0.8 * LINE_BYTES_S
 
 
 def test_heartbeats_and_replies_are_sent_despite_a_full_buffer(make_modem):
