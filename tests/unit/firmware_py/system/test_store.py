@@ -169,8 +169,10 @@ def test_both_slots_are_written_on_request_also_if_a_newer_version_replaces_it(s
 
 
 def test_a_second_autopilot_and_an_impossible_directory_are_refused(store, directory, tmp_path):
+    count = open_descriptors()
     with pytest.raises(StoreError, match="in use"):
         Store(directory)
+    assert open_descriptors() == count
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match="--state"):
         Store(tmp_path / "file" / "state")
