@@ -165,16 +165,6 @@ def test_compass_frozen_in_waves_is_contradicted(wave_deg, period_s, run_s, limi
     assert limits_s[0] <= boat.t_s - since_s <= limits_s[1]
 
 
-def test_constant_compass_is_not_contradicted_with_cmp_frozen_s_0():
-    boat = Boat(wave_deg=10.0)
-    boat.settings = SETTINGS._replace(frozen_s=0.0)
-    boat.run(90.0)
-    boat.compass_rad = constant_compass(boat)
-    boat.run(30.0)
-    assert not boat.state.sources.compasses[0].contradicted
-    assert set(boat.sources) == {Source.COMPASS_A}
-
-
 def test_compass_that_measures_again_is_used_after_its_probation():
     boat = Boat().run(90.0)
     boat.run(3.0, radians(25.0))
@@ -345,15 +335,6 @@ def test_heading_is_estimated_without_a_measured_rudder():
     assert all(math.isfinite(value) for value in boat.state.filter.motion)
 
 
-def test_heading_of_a_tick_is_predicted_from_the_last_heading():
-    boat = Boat().run(60.0)
-    boat.run(10.0, radians(20.0))
-    first_rad, rate_rad_s = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.state.filter.t_s)
-    later_rad, _ = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.state.filter.t_s + 2.0)
-    assert wrap_pi(later_rad - first_rad) == pytest.approx(2.0 * rate_rad_s, rel=0.5)
-    assert 0.0 <= later_rad < 2.0 * math.pi
-
-
 def test_late_heading_is_ignored():
     boat = Boat().run(60.0)
     late_s = boat.state.filter.t_s - heading_filter.MAX_SAMPLE_DELAY_S - 0.5
@@ -361,17 +342,6 @@ def test_late_heading_is_ignored():
     assert after.filter == boat.state.filter
     assert after.bias_mean_rad == boat.state.bias_mean_rad
     assert after.check == boat.state.check
-
-
-def test_learned_disturbance_is_available_after_the_learning():
-    boat = Boat().run(50.0)
-    assert heading_tick.learned_disturbance(boat.state) == (0.0, 0.0)
-    boat.run(20.0)
-    diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(boat.state)
-    assert diffusion_rad2_s == math.exp(boat.state.filter.levels.diffusion)
-    assert trim_rad == 0.0
-    old = boat.state.filter._replace(begun_s=boat.state.filter.t_s - heading_tick.LEVEL_LEARNING_S - 1.0)
-    assert heading_tick.learned_disturbance(boat.state._replace(filter=old))[1] == boat.state.bias_mean_rad
 
 
 def test_filters_of_the_delay_test_agree_after_a_motion_without_a_compass():

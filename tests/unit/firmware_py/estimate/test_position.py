@@ -67,20 +67,9 @@ def test_short_jump_is_rejected_and_ignored_afterwards():
     assert state.witnesses == 0
 
 
-def test_lasting_jump_is_accepted_after_the_jump_time():
-    state, accepted = after_fixes(fix(0.0), *(fix(t, 10_000.0) for t in range(1, 80)))
-    assert accepted.index(True, 1) == pytest.approx(61, abs=2)
-    assert north_m(state) == pytest.approx(10_000.0, abs=1.0)
-
-
 def test_scattered_positions_are_never_accepted():
     _, accepted = after_fixes(fix(0.0), *(fix(t, 10_000.0 * (t % 2 + 1) * (t % 3 + 1)) for t in range(1, 200)))
     assert not any(accepted[1:])
-
-
-def test_distant_fix_is_accepted_after_a_long_gap():
-    _, accepted = after_fixes(fix(0.0), fix(5000.0, 10_000.0))
-    assert accepted == [True, True]
 
 
 INVALID_POSITIONS = ((math.nan, 2.0), (9.0, 2.0), (0.0, 0.0), (-0.0, 0.0), (math.pi / 2, 2.0))
@@ -102,15 +91,6 @@ def test_position_is_always_valid(fixes):
     state, _ = after_fixes(*fixes)
     assert abs(state.latitude_rad) <= math.pi / 2
     assert abs(state.longitude_rad) <= math.pi + 1e-9
-
-
-def test_only_an_accepted_jump_has_a_distance():
-    jumped, _ = after_fixes(fix(0.0), *(fix(t, 200.0) for t in range(1, 30)))
-    assert accepted_jump_m(jumped, fix(45.0, 200.0)) == pytest.approx(200.0, abs=1.0)
-    assert accepted_jump_m(jumped, fix(30.0, 40.0)) is None  # back at the former position
-    steady, _ = after_fixes(*(fix(t) for t in range(5)))
-    assert accepted_jump_m(steady, fix(40.0, 150.0)) is None  # no jump: reachable in the time without fixes
-    assert accepted_jump_m(PositionState(), fix(0.0)) is None
 
 
 @pytest.mark.parametrize(

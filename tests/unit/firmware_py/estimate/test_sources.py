@@ -246,29 +246,6 @@ def test_standstill_begins_after_twice_the_longest_time_with_one_number(history,
         assert standstill_ratio(update_compass(state, sample, 1.0)) == pytest.approx(ratio, rel=0.01)
 
 
-def test_reversals_of_a_compass_are_counted_with_a_memory_of_20_s():
-    state, swings = CompassState(), []
-    for number, t_s in enumerate((0.00, 0.01, 0.02, 0.03, 20.03)):
-        raw_rad = 1.0 - radians(20.0) * (number % 2)
-        state = update_compass(state, TrueHeadingSample(t_s, raw_rad, raw_rad, 0), 1.0)
-        swings.append(state.turns.swings)
-    assert swings == pytest.approx([0.0, 0.0, 1.0, 2.0, 1.0 + 2.0 * math.exp(-1.0)], abs=0.01)
-
-
-def test_turn_of_few_resolution_steps_does_not_contradict_a_coarse_compass():
-    compasses = Compasses()
-    for off_rad in (0.0, radians(10.0), 0.0):
-        compasses.state = add_sample(
-            compasses.state, TrueHeadingSample(compasses.t_s, 1.0 + off_rad, 1.0 + off_rad, 0), 1.0
-        )
-    compasses.run(2.0, a="frozen", b=0.0)
-    coarse = compasses.state.compasses[0]
-    assert coarse.turns.resolution_rad == pytest.approx(radians(5.0))  # the coarsest resolution assumed
-    compasses.run(FROZEN_S, a="frozen", b=0.0)
-    compasses.run(30.0, a="frozen", b=radians(14.0))
-    assert not compasses.is_frozen
-
-
 @pytest.mark.parametrize("resolution_deg", [0.1, 1.0, 2.0])
 def test_resolution_of_a_compass_is_learned(resolution_deg):
     state, rng = CompassState(), random.Random(1)
@@ -326,22 +303,6 @@ def with_difference(seconds, off_rad, state=CompassState(sound_since_s=0.0), beg
 def test_differences_before_the_compass_is_sound_are_ignored():
     unsound = with_difference(20.0, 0.3, CompassState())
     assert with_difference(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
-
-
-def test_agreement_is_that_before_a_jump():
-    assert with_difference(60.0, radians(14.0)).agreed
-    assert not with_difference(60.0, radians(16.0)).agreed
-    for off_deg, agrees in ((14.0, True), (16.0, False)):
-        assert (
-            with_difference(30.0, radians(90.0), with_difference(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
-        )
-
-
-def test_near_and_agreed_include_the_offset():
-    offset = CompassState(t_s=0.0, sound_since_s=0.0, offset_rad=radians(-40.0))
-    compass = with_difference(5.0, radians(40.0), offset)
-    assert (compass.near_s, compass.agreed) == (pytest.approx(5.0), True)
-    assert with_difference(5.0, radians(-40.0), offset).near_s < 1.5
 
 
 def test_there_is_no_difference_without_an_estimate():

@@ -139,19 +139,6 @@ def test_heading_from_the_track_is_that_at_the_end_of_a_turn():
     assert abs(sum(errors) / len(errors)) < math.radians(3.0)  # the mean heading of a stretch lags by 7.5 deg
 
 
-def test_track_gives_no_heading_after_a_gap_or_at_the_first_position():
-    passage = Passage(0.6, 0.0, 0.0)
-    passage.sail(0.0, STEP_S)
-    assert passage.track_headings == []
-    passage.sail_square()
-    passage.track_headings.clear()
-    passage.fix_s = math.inf
-    passage.sail(0.0, 60.0)
-    passage.fix_s = STEP_S
-    passage.sail(0.0, 5.0)
-    assert passage.track_headings == []
-
-
 def test_slow_values_start_at_the_estimate_and_stay_within_its_standard_deviation():
     passage = Passage(0.4, 0.0, 0.33)
     passage.sail(300.0, STEP_S)
@@ -222,14 +209,6 @@ def test_model_follows_the_speed_within_limits(speed_ratio, ratio):
     model = water.model_at_speed(OCEAN_RAMBLER, state)
     assert model.turning_ability_1_s == pytest.approx(ratio * OCEAN_RAMBLER.turning_ability_1_s)
     assert model.turning_lag_s == pytest.approx(OCEAN_RAMBLER.turning_lag_s / ratio)
-
-
-@pytest.mark.parametrize(("sd_m_s", "speeds_m_s"), [(0.3, (0.45, 0.5)), (0.005, (0.04, 0.06))])
-def test_model_uses_the_expected_speed_until_the_estimate_is_certain(sd_m_s, speeds_m_s):
-    """In swell the estimated speed, and with it K and T, was 0 before the first turn; the heading error was 20 deg."""
-    filter_ = water_filter.begin(0.0, 0.0, 0.0, 0.05, sd_m_s, 0.0, 0.0, 0.3, 0.0, 0.1)
-    state = water.initial_state(0.0, 0.0, 0.5)._replace(fix_t_s=0.0, filter=filter_)
-    assert speeds_m_s[0] < water.model_speed(water.update(state, 1.0)) < speeds_m_s[1]
 
 
 TRACK = (0.6, math.pi - 1e-4)  # near the date line
