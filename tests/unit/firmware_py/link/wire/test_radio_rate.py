@@ -26,7 +26,7 @@ class Modem:
     def run(self, seconds, *, free_percent=None):
         """Run for some seconds; return the number of bytes that the modem transmitted.
 
-        The modem reports its buffer after each second. With `free_percent` it reports this value before each second instead.
+        The modem reports its buffer after each second, or `free_percent` before each second.
         """
         transmitted_before = self.transmitted_bytes
         for _ in range(seconds):
