@@ -81,7 +81,6 @@ class PacketFramer:
         self._offset = 0  # first byte in the buffer
         self._search_end = 0  # end of the part that was searched for headers
         self._candidates: list[tuple[int, int]] = []  # start and end of possible packets
-        self._failed: list[int] = []  # starts of possible packets that failed the check
         self._skipped_size = 0  # number of bytes skipped before the buffer
         self._skipped_fault = MALFORMED
 
@@ -94,6 +93,7 @@ class PacketFramer:
         packets: list[Packet] = []
         stream_end = self._offset + len(buffer)
         incomplete: list[tuple[int, int]] = []
+        header: int | None = None  # start of the first possible packet since packet_end that is none so far
         packet_end = self._offset
         for begin, end in self._candidates:
             if begin < packet_end:
@@ -101,17 +101,16 @@ class PacketFramer:
             if end > stream_end:
                 incomplete.append((begin, end))
             elif self._check.is_packet(buffer, begin - self._offset, end - self._offset):
-                self._skip(packet_end, begin, incomplete)
+                self._skip(packet_end, begin, header)
                 self._end_skipped(packets, begin)
                 packets.append(Packet(begin, end - begin, bytes(buffer[begin - self._offset : end - self._offset])))
-                incomplete, self._failed = [], []
+                incomplete, header = [], None
                 packet_end = end
-            else:
-                self._failed.append(begin)
+                continue
+            header = begin if header is None else header
         self._candidates = incomplete
         keep_from = incomplete[0][0] if incomplete else max(packet_end, stream_end - self._header_size + 1)
-        self._skip(packet_end, keep_from, incomplete)
-        self._failed = [begin for begin in self._failed if begin >= keep_from]
+        self._skip(packet_end, keep_from, header)
         self._check.drop(keep_from - self._offset)
         del buffer[: keep_from - self._offset]
         self._offset = keep_from
@@ -126,7 +125,7 @@ class PacketFramer:
         self._offset += len(self._buffer)
         self._check.drop(len(self._buffer))
         self._buffer.clear()
-        self._candidates, self._failed = [], []
+        self._candidates = []
         self._end_skipped(packets, self._offset)
         return packets
 
@@ -141,9 +140,10 @@ class PacketFramer:
             index = begin + 1
         self._search_end = self._offset + max(index, len(buffer) - self._header_size + 1)
 
-    def _skip(self, start: int, stop: int, incomplete: list[tuple[int, int]]) -> None:
+    def _skip(self, start: int, stop: int, header: int | None) -> None:
+        """Note skipped bytes, in which a possible packet may start at `header`."""
         self._skipped_size += stop - start
-        if any(start <= begin < stop for begin in self._failed) or any(begin < stop for begin, _ in incomplete):
+        if header is not None and header < stop:
             self._skipped_fault = CHECKSUM
 
     def _end_skipped(self, packets: list[Packet], end_offset: int) -> None:

@@ -66,6 +66,12 @@ def test_registers_from_before_a_correction_are_not_used(conversation, servo):
     assert (correction.name, driver.next_request(1.2).block) == (TORQUE, table.STATE)
 
 
+def test_block_of_a_rejected_correction_is_read_again(conversation, servo):
+    servo.registers[11], servo.write_errors[11] = 1, 7
+    names = [request.name for request in conversation.run(1.0)]
+    assert names[names.index("operating mode") + 1] == "settings"
+
+
 @pytest.mark.parametrize(
     ("code", "text"),
     [(1, "result fail"), (2, "instruction error"), (3, "CRC error"), (4, "range error"), (5, "length error"),
