@@ -12,7 +12,7 @@ import os
 import re
 import time
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -77,9 +77,7 @@ class LocalDisk:
         """Create the next file and if necessary the directory, but not its parents: they may be on a removed medium."""
         with contextlib.suppress(FileExistsError):
             directory.mkdir(DIRECTORY_MODE)
-        number = max(log_files(directory), default=0)
-        while True:
-            number += 1
+        for number in count(max(log_files(directory), default=0) + 1):
             path = directory / f"{number:08d}.BIN"
             with contextlib.suppress(FileExistsError):
                 descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
@@ -211,7 +209,7 @@ def _index_of_densest(boxes: list[_FileStatus]) -> int:
     """
     pairs = enumerate(pairwise(boxes), 1)
     gaps = [(abs(next_box.modified_s - box.modified_s), index) for index, (box, next_box) in pairs]
-    return min(gaps[:-1], default=(0.0, 0))[1]
+    return min(gaps[:-1])[1] if gaps[1:] else 0
 
 
 def _event_key(box: Path) -> tuple[int, float, str]:

@@ -35,6 +35,9 @@ def test_compass_report_compares_proposal_and_values_in_force(calibrate, restart
     assert values["proposed_deg"]["CMP_DEV_B"] == pytest.approx(0.0, abs=0.5)
     assert values["off_deg"] == pytest.approx(7.0, abs=0.7)
     assert values["mounting_deg"] == pytest.approx(values["proposed_deg"]["CMP_DEV_A"], abs=0.01)
+    numbers = [value for value in values.values() if isinstance(value, float)]
+    numbers += [*values["proposed_deg"].values(), *values["sd_deg"].values()]
+    assert numbers == [round(number, 3) for number in numbers]
     assert values["residual_after_deg"] < 0.2 * values["residual_before_deg"]
 
 
@@ -50,7 +53,9 @@ def test_proposal_is_printed_and_saved_as_parameter_file(calibrate, tmp_path):
         assert list(map(float, line.split()[1:])) == pytest.approx([present_deg, 5.0], abs=0.5)
     starts = ["error in force", "rms residual ", "alignment: CMP_OFFSET_DEG ", "CMP_DEV_A includes", "A speed that"]
     assert [line.startswith(start) for line, start in zip(lines[16:], starts, strict=True)] == [True] * 5
-    assert list(parse_file(path.read_text(), "-")) == list(NAMES)
+    saved = parse_file(path.read_text(), "-")
+    assert list(saved) == list(NAMES)
+    assert list(saved.values()) == pytest.approx([round(value, 2) for value in saved.values()], abs=1e-5)
 
 
 def test_insufficient_data_gives_no_proposal_and_no_file(calibrate, tmp_path):

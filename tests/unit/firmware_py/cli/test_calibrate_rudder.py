@@ -61,14 +61,29 @@ def test_free_rudder_keeps_its_limit():
     assert (values["stopped"], values["reached_deg"]) == ([False, False], [36.0, 36.0])
 
 
-@pytest.mark.parametrize(("low_deg", "high_deg", "limit_deg"), [(-90, 21, 18.0), (-17, 90, 14.0), (-9, 25, 6.0)])
-def test_limit_is_the_nearer_stop_less_a_margin(low_deg, high_deg, limit_deg):
+@pytest.mark.parametrize(
+    ("low_deg", "high_deg", "limit_deg", "max_deg"),
+    [
+        (-90, 20.9, 18.9, 24.0),
+        (-90, 21.1, 19.1, 26.0),
+        (-17, 90, 15.0, 36.0),
+        (-9, 25.1, 7.0, 30.0),
+        (-90, 7.1, 5.1, 12.0),
+    ],
+)
+def test_limit_is_the_nearer_stop_less_a_margin(low_deg, high_deg, limit_deg, max_deg):
     bench = SimulatedBench(low_deg, high_deg)
-    proposed, _, lines = measure(bench)
-    assert proposed["RUD_LIMIT_DEG"] == pytest.approx(limit_deg, abs=2.0)
-    assert proposed["RUD_LIMIT_DEG"] < min(-low_deg, high_deg)
+    proposed, values, lines = measure(bench)
+    assert (proposed["RUD_LIMIT_DEG"], values["scale"]) == (limit_deg, pytest.approx(1.0, abs=0.1))
     assert any("mechanical stop" in line for line in lines)
-    assert degrees(max(filter(None, bench.commands_rad))) <= high_deg + 5.0  # the shaft is not pressed against the stop
+    # A step of 2 deg that fails by more than 3 deg is the last one: the shaft is not pressed against the stop.
+    assert degrees(max(filter(None, bench.commands_rad))) == pytest.approx(max_deg)
+
+
+@pytest.mark.parametrize(("scale", "rounded", "reached_deg"), [(0.9104, 0.91, 29.1), (1.0896, 1.09, 34.9)])
+def test_scale_of_the_encoder_may_be_wrong_by_a_tenth(scale, rounded, reached_deg):
+    values = measure(SimulatedBench(scale=scale))[1]
+    assert (values["scale"], values["reached_deg"]) == (rounded, [reached_deg] * 2)
 
 
 def test_high_current_counts_as_a_stop():
@@ -77,7 +92,7 @@ def test_high_current_counts_as_a_stop():
 
 
 def test_centre_is_proposed_only_with_amidships():
-    assert measure(SimulatedBench(), amidships=True)[0]["RUD_CENTRE_DEG"] == 1.5
+    assert measure(SimulatedBench(initial_deg=1.507), amidships=True)[0]["RUD_CENTRE_DEG"] == 1.51
     assert "RUD_CENTRE_DEG" not in measure(SimulatedBench())[0]
 
 
@@ -102,17 +117,21 @@ def test_direction_follows_the_answer_of_the_operator(monkeypatch, answer, rever
     assert measure(SimulatedBench(), can_ask=True)[0].get("RUD_REVERSE") == reverse
 
 
-def test_deflection_for_the_operator_keeps_the_margin_to_a_stop(monkeypatch):
-    bench, deflections_rad = SimulatedBench(high_deg=9.0), []
+@pytest.mark.parametrize(("high_deg", "deflection_deg"), [(9.0, 7.0), (90.0, 10.0)])
+def test_deflection_for_the_operator_keeps_the_margin_to_a_stop(monkeypatch, high_deg, deflection_deg):
+    bench, deflections_rad = SimulatedBench(high_deg=high_deg), []
     monkeypatch.setattr("builtins.input", lambda _question: str(deflections_rad.append(bench.commands_rad[-1])))
-    proposed, _, _ = measure(bench, can_ask=True)
-    assert list(map(degrees, deflections_rad)) == pytest.approx([proposed["RUD_LIMIT_DEG"]], abs=0.05)
+    measure(bench, can_ask=True)
+    assert list(map(degrees, deflections_rad)) == pytest.approx([deflection_deg], abs=0.05)
+    assert bench.commands_rad[-1] == 0.0
 
 
 @pytest.mark.parametrize(
     ("bench", "text"),
     [
-        (SimulatedBench(scale=0.88), "0.88"),
+        (SimulatedBench(scale=0.89), "0.89"),
+        (SimulatedBench(scale=1.11), "1.11"),
+        (SimulatedBench(high_deg=6.9), "stops at 6.9 deg on one side"),
         (SimulatedBench(-0.5, 0.5, initial_deg=0.0, heavy_deg=0.1), "does not follow"),
         (SimulatedBench(-0.5), "stops at 0.5 deg on one side: it sticks"),
         (SimulatedBench(high_deg=5.0), "stops at 5.0 deg on one side"),
@@ -167,6 +186,14 @@ def test_bench_waits_until_the_shaft_settles():
     start_s = servo.time_s
     assert degrees(bench.move(radians(10.0)).shaft_rad) == pytest.approx(10.0, abs=0.5)
     assert servo.time_s - start_s == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("error_deg", "waited_s"), [(0.45, 0.15), (-0.45, 0.15), (0.52, 1.5), (-0.52, 1.5)])
+def test_shaft_has_settled_within_half_a_degree(error_deg, waited_s):
+    servo = SimulatedServo()
+    servo.poll = lambda: (RudderFeedback(servo.time_s, servo.angle_rad + radians(error_deg)),)
+    assert bench_of(servo).move(0.0).shaft_rad == pytest.approx(radians(error_deg))
+    assert servo.time_s == pytest.approx(waited_s, abs=0.06)
 
 
 def test_bench_waits_for_a_stuck_shaft_for_a_time_per_step():
@@ -289,6 +316,9 @@ def test_centre_is_the_mean_over_all_courses(calibrate, tmp_path, reverse, centr
     code, values = calibrate("--save", str(path), reverse=reverse)
     assert (code, values["ready"]) == (0, True)
     assert values["mean_deg"] == pytest.approx(3.0, abs=0.1)
+    assert [values[name] for name in ("mean_deg", "sd_deg")] == [
+        round(values[name], 3) for name in ("mean_deg", "sd_deg")
+    ]
     assert values["proposed_deg"] == {"RUD_CENTRE_DEG": centre_deg}
     assert parse_file(path.read_text(), "-") == pytest.approx(values["proposed_deg"])
 

@@ -89,7 +89,7 @@ def test_boxes_are_removed_last_and_partial_archives_with_their_log(tmp_path):
     LocalDisk().prune(tmp_path, 270)
     assert len(names_below(tmp_path)) == 4
     for room_bytes, names in (
-        (150, ["00000002.BIN.gz", "boxes/00000001-end.BIN.gz"]),
+        (269, ["00000002.BIN.gz", "boxes/00000001-end.BIN.gz"]),
         (80, ["boxes/00000001-end.BIN.gz"]),
         (10, []),
     ):

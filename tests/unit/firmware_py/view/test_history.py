@@ -74,7 +74,9 @@ def test_rows_follow_at_the_interval_of_the_earlier_ones():
     """After 2401 rows of a second each, every other row is kept, and a further one after 2400 / 1201 s."""
     history = History()
     for number in range(2401):
-        history.add({"time_s": float(number)}, [], {})
-    assert [row[0] for row in read_all(history)["rows"]][-2:] == [2398.0, 2400.0]
-    added = [json.loads(history.add({"time_s": time_s}, [], {}))["rows"] for time_s in (2401.0, 2401.9, 2402.0, 2403.9)]
+        history.add({"time_s": 9000.0 + number}, [], {})
+    assert [row[0] for row in read_all(history)["rows"]][-2:] == [11398.0, 11400.0]
+    added = [
+        json.loads(history.add({"time_s": time_s}, [], {}))["rows"] for time_s in (11401.0, 11401.9, 11402.0, 11403.9)
+    ]
     assert [len(rows) for rows in added] == [0, 0, 1, 0]
