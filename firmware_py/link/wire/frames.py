@@ -34,7 +34,6 @@ _MIN_MAVLINK1_FRAMES = 5
 _BASE_BYTES: Mapping[int, int] = {
     1: 31,
     24: 30,
-    26: 22,
     31: 32,
     36: 21,
     39: 37,
