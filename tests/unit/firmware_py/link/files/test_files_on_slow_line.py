@@ -47,6 +47,25 @@ def test_blocked_link_does_not_keep_the_endpoint_busy(client):
     assert len(client.rig.give(b"")) > 100
 
 
+@pytest.mark.parametrize(("sequence", "offset"), [(7, 0), (8, 640)])
+def test_repeated_burst_continues_and_another_one_replaces_it(disk, stored, sequence, offset):
+    rig, client = stored(byte_rate=5760.0, has_radio_rates=True)
+    client.ask(OPEN, LOG)
+
+    def offsets_after(number, first):
+        replies = client.all(BURST, size=8, sequence=number, offset=first)
+        replies += [reply for _ in range(5) for reply in client.replies(rig.tick())]
+        return [reply.offset for reply in replies]
+
+    before, after = offsets_after(7, 0), offsets_after(sequence, offset)
+    assert before == list(range(0, before[-1] + 8, 8))
+    assert before[-1] < 600
+    if sequence == 7:
+        assert after == list(range(before[-1] + 8, after[-1] + 8, 8))
+    else:
+        assert after[-1] > 640
+
+
 def test_session_of_a_long_burst_remains_open(disk, stored):
     rig, client = stored(byte_rate=300.0, has_radio_rates=True)
 

@@ -123,6 +123,34 @@ def test_values_out_of_range_are_limited(snapshot, name):
         }
 
 
+UNKNOWN = {
+    "GPS_RAW_INT": {"lat": 0, "lon": 0, "alt": 0, "eph": 65535, "vel": 65535, "satellites_visible": 255},
+    "GLOBAL_POSITION_INT": {"lat": 0, "lon": 0, "alt": 0, "relative_alt": 0, "vx": 0, "vy": 0},
+    "NAV_CONTROLLER_OUTPUT": {"wp_dist": 0},
+    "HOME_POSITION": {"latitude": 0, "longitude": 0, "altitude": 0, "time_usec": 0},
+    "GPS_GLOBAL_ORIGIN": {"latitude": 0, "longitude": 0, "altitude": 0, "time_usec": 0},
+    "SYS_STATUS": {"load": 0, "voltage_battery": 65535, "current_battery": -1, "battery_remaining": -1},
+    "BATTERY_STATUS": {"temperature": 32767, "current_battery": -1, "battery_remaining": -1},
+    "HIGH_LATENCY2": {
+        "latitude": 0, "altitude": 0, "target_distance": 0, "groundspeed": 0, "heading": 0, "battery": -1, "wp_num": 0,
+        "custom0": -128, "custom1": -1,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_values_that_are_not_finite_are_unknown(snapshot, name):
+    (row,) = (row for row in TABLE if row.name == name)
+    nan = math.nan
+    fix = PositionSample(0.0, FixType.FIX_3D, nan, nan, nan, nan, nan, None, nan)
+    boat = replace(
+        snapshot, t_s=nan, position=fix, position_ok=True, home=Home(nan, nan, nan), distance_m=nan, rudder_rad=nan,
+        heading_rad=nan, power=Power(nan, nan, nan, nan, nan, nan),
+    )  # fmt: skip
+    message = row.build(TelemetryContext(boat, 1.7e9, 0.5, 3, nan, 0))
+    assert {field: getattr(message, field) for field in UNKNOWN[name]} == UNKNOWN[name]
+
+
 def test_times_and_floats_are_limited():
     assert (boot_us(1.5), boot_us(-1.0), boot_us(1e300), boot_us(math.nan)) == (1_500_000, 0, 1 << 62, 0)
     assert [boot_ms(t_s) for t_s in (1.5, -1.0, 4_294_967.295, 4_294_967.296)] == [1500, 0, 4_294_967_295, 0]
