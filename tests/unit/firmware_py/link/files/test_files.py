@@ -371,7 +371,7 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
         *((CREATE, path) for path in ("logs/a", "a", "uploads", "metadata/general.json", "parameters.param")),
         *((opcode, LOG) for opcode in (OPEN_WRITE, REMOVE, TRUNCATE)),
         *((REMOVE, path) for path in ("parameters.param", "/")),
-        *((RENAME, paths) for paths in (f"{LOG}\0uploads/a", "uploads/a\0logs/a")),
+        *((RENAME, paths) for paths in (f"{LOG}\0uploads/a", "uploads/a\0logs/a", "a\0uploads/a", "uploads/a\0a")),
         *((MKDIR, path) for path in ("logs/d", "d")),
         *((RMDIR, path) for path in ("logs", "uploads")),
     ],

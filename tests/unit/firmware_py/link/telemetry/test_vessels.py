@@ -54,6 +54,21 @@ def test_unknown_values_have_the_numbers_for_unknown(build):
     assert (mark.navigational_status, mark.name, mark.callsign, mark.flags) == (15, "", "", 0)
 
 
+@pytest.mark.parametrize(
+    ("turn_deg_s", "speed_m_s", "now_s", "sent"),
+    [
+        (20.0, 1e9, 1e6, (126, 65534, 65535)), (-20.0, -1.0, 0.0, (-127, 0, 0)),
+        (12.64, 655.34, 65_537.4, (126, 65534, 65535)),
+        (-12.6, 0.004, 65_536.4, (-126, 0, 65534)), (None, None, 2.4, (127, 65535, 0)),
+    ],
+)  # fmt: skip
+def test_values_of_a_vessel_are_limited(build, turn_deg_s, speed_m_s, now_s, sent):
+    turn_rad_s = None if turn_deg_s is None else math.radians(turn_deg_s)
+    position = msgspec.structs.replace(SHIP.position, turn_rad_s=turn_rad_s, speed_m_s=speed_m_s)
+    ship = build(now_s, msgspec.structs.replace(SHIP, position=position))
+    assert (ship.turn_rate, ship.velocity, ship.tslc) == sent
+
+
 def test_message_is_not_sent_without_vessels(build):
     assert build(1.0) is None
 
