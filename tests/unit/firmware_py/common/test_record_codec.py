@@ -151,6 +151,8 @@ def test_unknown_field_is_ignored_and_reported(path, note):
         (("target", "type"), "x - at `$.pair.x.y`", {"target": None}, ["Boat.target: Invalid value 'x - at"]),
         (("target",), 3, {"target": None}, ["Boat.target: Expected `object | null`, got `int`, ignored"]),
         (("places", 1), 3, {"places": ()}, ["Boat.places: Expected `object`, got `int`, ignored"]),
+        (("places",), 3, {"places": ()}, ["Boat.places: Expected `array`, got `int`, ignored"]),
+        (("tender",), 3, {"tender": None}, ["Boat.tender: Expected `object | null`, got `int`, ignored"]),
         (("counts", "fish"), "two", {"counts": {}}, ["Boat.counts: Expected `int`, got `str`, ignored"]),
         (("depth",), 3, {"depth": None}, ["Boat.depth: this is no depth, ignored"]),
         (
@@ -297,6 +299,11 @@ def test_array_of_a_named_tuple_has_the_shape_of_its_default(hooks):
         restored, (note,) = from_text(Filter, text.replace(part, ""), 1, hooks)
         assert repr(restored.gains) == repr(Gains(count=7))
         assert note.startswith("Filter.gains.values: Expected `array` of " + reason)
+
+
+def test_named_tuples_by_name_that_are_no_mapping_are_ignored():
+    chart, notes = read_chart(lambda plain: plain.update(by_name=3))
+    assert (chart.by_name, notes) == ({}, ("Chart.by_name: Expected `object`, got `int`, ignored",))
 
 
 def test_missing_or_renamed_field_of_a_named_tuple(monkeypatch):

@@ -187,6 +187,7 @@ def test_invalid_date_of_zda_is_rejected_and_leaves_no_utc(deliver, receiver):
 
 @pytest.mark.parametrize(("is_required", "counts"), [(False, (1, 0)), (True, (0, 1))])
 def test_missing_checksum_is_rejected_if_it_is_required(line, deliver, is_required, counts):
+    assert NmeaPositionOptions().require_checksum
     receiver = NmeaPosition(line, NmeaPositionOptions(require_checksum=is_required))
     deliver(receiver, f"${gga()}\r\n".encode())
     health = receiver.health(1.0)

@@ -59,7 +59,8 @@ def test_damaged_and_other_sentences_are_not_used(deliver, sensor):
     assert sensor.health(1.0).rejected == 2
 
 
-def test_checksum_may_be_missing_if_allowed(line, deliver):
+def test_checksum_may_be_missing_if_allowed(line, deliver, sensor):
+    assert deliver(sensor, b"$IIRSA,10.5,A\r\n") == ()
     assert len(deliver(NmeaRudder(line, NmeaRudderOptions(require_checksum=False)), b"$IIRSA,10.5,A\r\n")) == 1
 
 
@@ -80,6 +81,8 @@ def test_silence_and_another_opening_of_the_port(deliver, sensor, line):
     [
         ({"scale": 0.0}, "scale: 0 is not a scale"),
         ({"scale": 11.0}, "scale: 11 is out of range; allowed: -10 to 10"),
+        ({"scale": -10.1}, "scale: -10.1 is out of range; allowed: -10 to 10"),
+        ({"offset_deg": -90.1}, "offset_deg: -90.1 is out of range; allowed: -90 to 90"),
         ({"offset_deg": 91.0}, "offset_deg: 91 is out of range; allowed: -90 to 90"),
     ],
 )
