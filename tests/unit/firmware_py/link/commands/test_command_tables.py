@@ -128,6 +128,14 @@ def test_invalid_command_is_refused(rig, command, values, result):
     assert rig.request_handler.intents == []
 
 
+@pytest.mark.parametrize(
+    ("values", "name", "number"),
+    [((YAW, 90, 0, 0, 2), "CONDITION_YAW", 4), ((YAW_SPEED, 1, 0, 2), "NAV_SET_YAW_SPEED", 3)],
+)
+def test_refusal_names_command_and_parameter(rig, texts, values, name, number):
+    assert texts(rig.command(*values)) == [f"{name}: param{number} is neither 0 (absolute) nor 1 (relative)"]
+
+
 def reposition(x, y, *, frame=6, flags=1.0):
     return mavlink.MAVLink_command_int_message(1, 1, frame, REPOSITION, 0, 0, -1, flags, 0, NAN, x, y, NAN)
 
