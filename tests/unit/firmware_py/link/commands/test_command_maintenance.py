@@ -59,7 +59,10 @@ def test_calibration_of_nothing_is_accepted(rig):
     assert results(rig.command(241)) == results(rig.command(241, math.nan, math.nan)) == [ACCEPTED]
 
 
-@pytest.mark.parametrize(("yaw_deg", "offset_deg"), [(57.29578, 5.0), (60.0, 7.70422), (-180.0, 127.70422)])
+@pytest.mark.parametrize(
+    ("yaw_deg", "offset_deg"),
+    [(57.29578, 5.0), (60.0, 7.70422), (-180.0, 127.70422), (360.0, -52.29578), (-360.0, -52.29578)],
+)
 def test_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
     rig.request_handler.values = rig.request_handler.values.replaced("CMP_OFFSET_DEG", 5.0)
     rig.tick(armed=False, heading_rad=1.0)
@@ -70,7 +73,7 @@ def test_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
 @pytest.mark.parametrize(
     ("values", "changes", "result"),
     [
-        ((math.nan,), {}, DENIED), ((361,), {}, DENIED), ((10, 2), {}, DENIED), ((10, math.inf), {}, DENIED),
+        ((math.nan,), {}, DENIED), ((361,), {}, DENIED), ((-361,), {}, DENIED), ((10, 2), {}, DENIED), ((10, math.inf), {}, DENIED),
         ((10,), {"armed": True}, REJECTED), ((10,), {"heading_ok": False}, REJECTED),
         ((10,), {"heading_rad": None}, REJECTED),
     ],
@@ -186,9 +189,9 @@ def test_pending_command_reports_progress_and_is_cancelled_once():
     calls = []
     pending = PendingCommand(timeout_s=10.0, percent=lambda: 40, cancel=lambda: calls.append("cancelled"))
     pending.begin(0.0, calls.append)
-    assert not pending.is_progress_due(0.2)
-    assert pending.is_progress_due(0.4)
-    assert not pending.is_progress_due(0.5)
+    times_s = (0.29, 0.3, 0.31, 1.29, 1.3, 1.31)
+    assert [pending.is_progress_due(now_s) for now_s in times_s] == [False, True, False, False, True, False]
+    assert [pending.has_timed_out(now_s) for now_s in (10.0, 10.01)] == [False, True]
     assert pending.percent() == 40
     assert pending.cancel()
     pending.finish(Answer(Verdict.ACCEPTED))
