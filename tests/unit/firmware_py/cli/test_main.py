@@ -163,8 +163,10 @@ def test_closed_standard_streams_become_dev_null(words):
 def test_error_handler_that_the_user_has_set_for_a_stream_is_kept(errors, later, monkeypatch):
     stream = io.TextIOWrapper(io.BytesIO(), "ascii", errors)
     monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     assert main(["nothing"]) == 2
     assert stream.errors == later
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
 
 
 def test_ctypes_is_not_imported_before_the_standard_streams_are_checked():

@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import task_follower
 from firmware_py.guidance.guidance_reports import dead_reckoning_events
-from firmware_py.guidance.task_follower import TaskFollowerState
-from firmware_py.guidance.tasks import GoTo, HoldStation, Orbit, VesselMotion
+from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
+from firmware_py.guidance.tasks import GoTo, HeadingTarget, HoldHeading, HoldStation, Orbit, VesselMotion
 
 FAR_M = 3000.0
 TEXTS = {
@@ -106,6 +106,15 @@ def test_turns_are_counted_within_half_a_radius_of_the_circle(
     assert (status.target, status.radius_m) == (origin, 60.0)
     assert (status.bearing_rad, status.distance_m) == pytest.approx((0.5 + math.pi, distance_m), abs=0.001)
     assert status.cross_track_m == pytest.approx(sign * (60.0 - distance_m), abs=0.001)
+
+
+def test_heading_needs_no_position_and_another_task_waits_for_one(origin, task_settings):
+    heading, station = HoldHeading(1.0), HoldStation(origin, 100.0)
+    state, status = task_follower.update(task_settings, TaskFollowerState(station), heading, None, 1.0)
+    assert state == TaskFollowerState(heading)
+    assert status == TaskStatus(HeadingTarget(1.0, over_ground=False), Activity.HEADING)
+    assert task_follower.update(task_settings, state, station, None, 1.0) == (state, None)
+    assert task_follower.update(task_settings, state, None, None, 1.0) == (TaskFollowerState(), TaskStatus())
 
 
 def test_turns_are_counted_only_with_a_certain_position(follower, origin):

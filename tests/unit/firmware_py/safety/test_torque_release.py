@@ -63,6 +63,6 @@ def test_torque_release_at_the_end_of_the_steps(steps, is_released):
 
 
 def test_parameter_0_turns_the_torque_on():
-    assert not run((100.0, ON), settings=NEVER).is_released
+    assert run((100.0, ON), settings=NEVER) == TorqueReleaseState(COMMAND_RAD)
     assert run(*RELEASED).released_since_s == 5.0
     assert not update(NEVER, run(*RELEASED), COMMAND_RAD, OFF, 6.5).is_released
