@@ -142,6 +142,15 @@ def test_margin_is_the_distance_to_the_nearest_edge_or_corner(north_m, east_m, m
             assert margin_m(fence, place) == pytest.approx(sign * margin, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    "corners", [((0, 300), (-300, 0), (0, -300), (300, 0)), ((0, 300), (300, 0), (0, -300), (-300, 0))]
+)
+def test_place_at_the_latitude_of_a_corner_is_inside(corners):
+    items = [item_at(INCLUDED, *corner, 4) for corner in corners]
+    place = Place(place_of(items[0]).latitude_rad, CENTRE.longitude_rad)
+    assert margin_m(Plan.of(PlanKind.FENCE, items), place) == pytest.approx(212.13, abs=0.1)
+
+
 def test_boat_must_be_inside_all_areas_of_one_group():
     place = CENTRE.at_offset(150, 0)
     for groups, margin in (((0, 0), -50.0), ((0, 1), 50.0), ((254, 255), 50.0), ((math.nan, 0), -50.0)):

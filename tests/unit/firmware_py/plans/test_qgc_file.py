@@ -97,10 +97,14 @@ def test_all_items_of_a_plan_are_read():
             PlanItem(20, 2, True, (0.0, 0.0, 0.0, 0.0), 0, 0, math.nan),
         )
     )
-    commands = [*[(5001, 3.0)] * 3, *[(5002, 4.0)] * 4, (5004, 250.5), (5000, 0.0)]
-    assert [(item.command, item.params[0]) for item in fence.items] == commands
     no_params = (0.0, 0.0, 0.0, 0.0)
-    assert fence.items[-2:] == (
+    vertices = [(polygon["inclusion"], len(polygon["polygon"]), *place) for polygon in QGC["geoFence"]["polygons"]
+                for place in polygon["polygon"]]  # fmt: skip
+    assert fence.items == (
+        *(
+            PlanItem(5001 if inclusion else 5002, 0, True, (count, 0.0, 0.0, 0.0), round(x * 1e7), round(y * 1e7))
+            for inclusion, count, x, y in vertices
+        ),
         PlanItem(5004, 0, True, (250.5, 0.0, 0.0, 0.0), 363_000_000, 1_215_000_000, 0.0),
         PlanItem(5000, 3, True, no_params, 360_500_000, 1_215_000_000, 7.5),
     )
@@ -241,17 +245,3 @@ def test_any_json_is_read_or_refused(value, section, key):
     for content in (value, {key: [value]}):
         with contextlib.suppress(PlanFileError):
             read_plan(json.dumps({"fileType": "Plan", section: content}), "a")
-
-
-def test_vertices_and_circles_of_a_fence_have_no_further_parameters():
-    """Parameters without a meaning are 0, as a ground station reads them back."""
-    polygon = {"version": 1, "inclusion": True, "polygon": [[1.0, 2.0], [1.0, 3.0], [2.0, 2.0]]}
-    circle = {"version": 1, "inclusion": False, "circle": {"center": [4.0, 5.0], "radius": 90.0}}
-    section = {"version": 2, "polygons": [polygon], "circles": [circle]}
-    fence = read_plan(json.dumps({"fileType": "Plan", "geoFence": section}), "a.plan")[0]
-    assert [(item.command, item.params, item.x, item.y, item.z) for item in fence.items] == [
-        (5001, (3.0, 0.0, 0.0, 0.0), 10_000_000, 20_000_000, 0.0),
-        (5001, (3.0, 0.0, 0.0, 0.0), 10_000_000, 30_000_000, 0.0),
-        (5001, (3.0, 0.0, 0.0, 0.0), 20_000_000, 20_000_000, 0.0),
-        (5004, (90.0, 0.0, 0.0, 0.0), 40_000_000, 50_000_000, 0.0),
-    ]

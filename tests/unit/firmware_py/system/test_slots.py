@@ -67,14 +67,6 @@ def test_cleared_name_is_empty_and_starts_again(writer, tmp_path):
     assert sequence_of(tmp_path / "a.0") == 1
 
 
-def test_shorter_secret_overwrites_the_rest_of_a_longer_one(writer, tmp_path):
-    for content in (b"s" * 5000, b"s" * 5000, b"short", b"short"):
-        writer.write("a.key", content)
-    for slot in (0, 1):
-        data = (tmp_path / f"a.key.{slot}").read_bytes()
-        assert data.split(b"\n", 1)[1] == b"short".ljust(8192 - data.index(b"\n") - 1, b"\0")
-
-
 @pytest.mark.parametrize(("unreadable", "written"), [((0,), 0), ((1,), 1), ((0, 1), 0)])
 def test_unreadable_slots_are_replaced_by_the_first_version(writer, tmp_path, unreadable, written):
     """Otherwise their content would be used when they are readable again."""

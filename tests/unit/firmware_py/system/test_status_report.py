@@ -141,7 +141,6 @@ def test_events_between_two_statuses_are_listed(boat):
     assert len(boat.status(12.5)["events"]) == MAX_EVENTS
 
 
-TARGET = Navigation(target_latitude_rad=0.1, target_longitude_rad=0.2, radius_m=40.0)
 POWER = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
 
 WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42, math.pi, sd_m_s=0.7, gust_m_s=8.12)
@@ -150,19 +149,6 @@ WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42,
 @pytest.mark.parametrize(
     ("section", "changes", "values"),
     [
-        ("navigation", {"navigation": TARGET}, {"target_lat_deg": 5.7295780, "radius_m": 40.0}),
-        ("home", {"home": Home(0.3, 0.4, 0.0)}, {"lat_deg": 17.1887339, "lon_deg": 22.9183118}),
-        (
-            "position",
-            {"dead_reckoning": DeadReckoningPosition(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2)},
-            {"ok": False, "reckoned_lat_deg": 5.72958, "reckoned_lon_deg": 11.45916, "reckoned_sd_m": 250.0,
-             "reckoned_s": 3600.0},
-        ),
-        (
-            "energy",
-            {"energy": Energy(energy_j=7200.0, power_w=1.234, travel_rad_per_h=math.pi)},
-            {"steering_wh": 2.0, "servo_power_w": 1.23, "travel_deg_per_h": 180.0},
-        ),
         (
             "power",
             {"power": POWER},
@@ -175,11 +161,6 @@ WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42,
              "mean_wind_from_deg": 180.0, "gust_m_s": 8.1, "apparent_wind_m_s": 6.1, "apparent_wind_deg": 270.0},
         ),
         ("wind", {"wind": Wind(10.0), "t_s": 30.0}, {"ok": False, "age_s": 20.0, "wind_m_s": None, "gust_m_s": None}),
-        (
-            "depth",
-            {"depth": DepthSample(10.5, 12.34, 0.5), "depth_ok": True, "t_s": 12.0},
-            {"ok": True, "age_s": 1.5, "depth_m": 12.3},
-        ),
     ],
 )  # fmt: skip
 def test_a_section_contains_the_values_of_the_snapshot(boat, section, changes, values):
@@ -261,7 +242,11 @@ SWING = SwingReport(
             {"ok": False, "age_s": 3.5, "wind_m_s": 12.3, "wind_from_deg": 7.0, "mean_wind_m_s": 12.3,
              "mean_wind_from_deg": 7.0, "gust_m_s": 12.3, "apparent_wind_m_s": 12.3, "apparent_wind_deg": 7.0},
         ),
-        ("depth", {"depth": DepthSample(6.54321, NUMBER), "t_s": 10.0}, {"ok": False, "age_s": 3.5, "depth_m": 12.3}),
+        *(
+            ("depth", {"depth": DepthSample(6.54321, NUMBER), "depth_ok": is_ok, "t_s": 10.0},
+             {"ok": is_ok, "age_s": 3.5, "depth_m": 12.3})
+            for is_ok in (False, True)
+        ),
     ],
 )  # fmt: skip
 def test_values_of_a_section_are_rounded_to_their_accuracy(boat, section, changes, values):

@@ -101,17 +101,6 @@ def test_a_damaged_newest_version_falls_back_to_the_previous_one(store, director
     assert store.load("a") == b"first"
 
 
-def test_the_newest_version_is_not_overwritten(store, directory):
-    newest, content = None, b""
-    for number in range(20):
-        assert save(store, "a", b"<%d>" % number)
-        assert store.load("a") == b"<%d>" % number
-        assert newest is None or newest.read_bytes() == content
-        newest = slot_with(directory, b"<%d>" % number)
-        content = newest.read_bytes()
-    assert len(list(directory.glob("a.*"))) == 2
-
-
 @pytest.mark.parametrize(
     "contents",
     [[b"x" * size for size in (0, 1, 5000, 3, 200_000, 10)], [b"# rambler state 9 3 00000000\nx\0\0"]],

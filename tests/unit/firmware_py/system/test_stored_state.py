@@ -442,39 +442,6 @@ def test_a_version_stored_after_a_loss_is_the_newest(lost, lose, tmp_path):
     assert read_content(tmp_path, "a") == b"new"
 
 
-def stored_mission(directory):
-    return read_content(directory, PLAN_FILES[PlanKind.MISSION])
-
-
-@pytest.mark.parametrize("is_set_since_start", [True, False])
-@pytest.mark.parametrize("has_mission", [True, False])
-def test_a_directory_mounted_late_gets_the_active_plan_unless_its_own_is_newer(
-    is_set_since_start, has_mission, tmp_path, monkeypatch
-):
-    """Otherwise, after an empty partition was mounted, the next start would have neither fence nor mission."""
-    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
-    missions = {}
-    for number in (2, 1):
-        boat = Boat.start(tmp_path / f"{number}")
-        assert replace_plan(boat, number)
-        boat.end()
-        missions[number] = stored_mission(tmp_path / f"{number}")
-    boat = Boat.start(tmp_path / "1")
-    if is_set_since_start:
-        assert replace_plan(boat, 1)
-    (tmp_path / "1").rename(tmp_path / "gone")
-    boat.store.save("a", b"")  # any save notices the new directory
-    if has_mission:
-        (tmp_path / "2").rename(tmp_path / "1")
-    else:
-        (tmp_path / "1").mkdir()
-    results = []
-    boat.store.when_stored(("a",), results.append)
-    wait_for(boat.store, lambda: results and not boat.store.failure)
-    boat.end()
-    assert stored_mission(tmp_path / "1") == missions[2 if has_mission and not is_set_since_start else 1]
-
-
 def test_a_queued_plan_is_not_replaced_by_the_previous_one(tmp_path):
     """Its acknowledgement would be for the other plan."""
     store, results = Store(tmp_path), []
