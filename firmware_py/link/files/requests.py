@@ -214,8 +214,7 @@ class WritingRequests:
         if isinstance(handle, FileUpload):
             self._store(call, handle)
             return None
-        if handle is not None:
-            handle.close()
+        _close(handle)
         return b""
 
     def _reset(self, call: FileCall) -> bytes | None:
@@ -227,11 +226,12 @@ class WritingRequests:
         for number in self._sessions.numbers(call.client):
             idle_s = call.now_s - self._sessions.last_use_s(call.client, number)
             handle = self._sessions.end(call.client, number)
-            if isinstance(handle, FileUpload) and idle_s <= timeouts_of(call.client.peer.transport).give_up_s:
+            if not isinstance(handle, FileUpload):
+                _close(handle)
+            elif idle_s <= timeouts_of(call.client.peer.transport).give_up_s:
                 uploads.append(handle)
-            elif handle is not None:
-                has_stale_upload = has_stale_upload or isinstance(handle, FileUpload)
-                handle.close()
+            else:
+                has_stale_upload = True
         if has_stale_upload:
             raise Refusal(Error.FAIL, text="Upload aborted: file unchanged")
         if not uploads:
@@ -299,6 +299,11 @@ class WritingRequests:
         if area is not target_area:
             raise Refusal(Error.FILE_PROTECTED)
         self._replies.finish_later(call, partial(area.rename, source, target))
+
+
+def _close(file: OpenFile | None) -> None:
+    if file is not None:
+        file.close()
 
 
 def _read_existing(area: Area, parts: PathParts) -> bytes:

@@ -73,7 +73,8 @@ def test_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
 @pytest.mark.parametrize(
     ("values", "changes", "result"),
     [
-        ((math.nan,), {}, DENIED), ((361,), {}, DENIED), ((-361,), {}, DENIED), ((10, 2), {}, DENIED), ((10, math.inf), {}, DENIED),
+        ((math.nan,), {}, DENIED), ((361,), {}, DENIED), ((-361,), {}, DENIED),
+        ((10, 2), {}, DENIED), ((10, math.inf), {}, DENIED),
         ((10,), {"armed": True}, REJECTED), ((10,), {"heading_ok": False}, REJECTED),
         ((10,), {"heading_rad": None}, REJECTED),
     ],
