@@ -73,6 +73,8 @@ def test_file_replaced_after_the_check_is_refused(tmp_path, monkeypatch):
     for replace in (os.mkfifo, link_to_device):
 
         def open_replaced(path, flags, mode=0, replace=replace):
+            required = os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NOCTTY  # opening does not wait for a writer
+            assert flags & required == required
             path.unlink()
             replace(path)
             return original_open(path, flags, mode)

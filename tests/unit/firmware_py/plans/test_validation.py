@@ -274,7 +274,7 @@ def test_validation_is_cached_by_the_plan_object():
     assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (WAYPOINT,)).identity)) is not None
 
 
-def test_four_validations_are_cached():
+def test_four_problems_are_cached():
     plans = [Plan.of(MISSION, (item(21, x=number),)) for number in range(5)]
     problems = [problem_of(plan) for plan in plans]
     assert all(problem_of(plan) is found for plan, found in zip(plans[1:], problems[1:], strict=True))

@@ -28,13 +28,6 @@ def test_an_error_is_reported_with_a_traceback_and_the_next_call_is_made():
     assert (lines[0].split()[0], lines[-1]) == ("Traceback", "KeyError: 'inside'")
 
 
-def test_too_many_errors_are_raised(barrier):
-    for number in range(MAX_ERRORS):
-        barrier.call(float(number), fail)
-    with pytest.raises(KeyError):
-        barrier.call(10.0, fail)
-
-
 def test_rare_errors_are_not_raised(barrier):
     for number in range(3 * MAX_ERRORS):
         barrier.call(number * ERROR_WINDOW_S, fail)
