@@ -383,6 +383,8 @@ def test_filter_agrees_with_the_plain_filter_in_waves_turns_and_gaps(steps, is_r
             assert f.levels == pytest.approx(plain.levels, rel=1e-9)
             assert f.motion == pytest.approx(plain.motion, rel=1e-6, abs=1e-12)
             assert f.innovation_square == pytest.approx(plain.innovation_square, rel=1e-9)
+            assert f.learning.sums == pytest.approx(plain.sums, rel=1e-6, abs=1e-6)
+            assert f.learning.motions == pytest.approx(np.array(plain.extra), rel=1e-6, abs=1e-9)
             assert f.learning.information == pytest.approx(plain.information, rel=1e-6)
     assert plain.unexplained_turns > 0
     assert np.abs(np.subtract(plain.levels, PRIOR)).max() > 0.5
