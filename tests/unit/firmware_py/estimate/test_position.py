@@ -186,3 +186,11 @@ def test_time_since_the_fix_and_utc():
 def test_sample_without_a_coordinate_or_time_is_no_position(changes):
     assert position.has_valid_position(fix(1.0))
     assert not position.has_valid_position(replace(fix(1.0), **changes))
+
+
+@pytest.mark.parametrize(("off_m", "is_witness"), [(89.9, True), (90.1, False)])
+def test_fix_that_the_boat_can_reach_from_the_suspect_confirms_the_jump(off_m, is_witness):
+    suspect, sample = fix(100.0, 10_000.0), fix(110.0, 10_000.0 + off_m)
+    state = replace(after_fixes(fix(0.0))[0], suspect=suspect, witnesses=1)
+    expected = replace(state, witnesses=2) if is_witness else replace(state, suspect=sample, witnesses=1)
+    assert update(state, sample, 60.0) == (expected, False)
