@@ -176,11 +176,10 @@ _FIELDS: Final = frozenset(("kind", "identity", "items"))
 _VERSION: Final = 1
 
 
-def drop_unknown(data: Any, location: Location) -> None:
-    """Remove and report unknown fields of the plain values of a plan."""
+def note_unknown(data: Any, location: Location) -> None:
+    """Report unknown fields of the plain values of a plan."""
     for name in sorted(data.keys() - _FIELDS) if isinstance(data, dict) else ():
         location.note(f"field {abbreviate(name)} is not known here, ignored")
-        del data[name]
 
 
 def to_text(plan: Plan) -> str:
@@ -203,5 +202,5 @@ def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
         location.add(f"written by a later version ({abbreviate(version)}, here {_VERSION}), read by name")
     for name in sorted(stored.keys() - {"version", "plan", "$"}):
         location.add(f"field {abbreviate(name)} is not known here, ignored")
-    drop_unknown(stored["plan"], location)
+    note_unknown(stored["plan"], location)
     return from_plain(stored["plan"]), tuple(location.notes)

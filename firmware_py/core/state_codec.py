@@ -138,6 +138,6 @@ HOOKS: Final = Hooks(
         LatchState: _prepare_latch,
         FailsafeState: _prepare_failsafe,
         ParameterSet: _prepare_parameters,
-        Plan: plan.drop_unknown,
+        Plan: plan.note_unknown,
     },
 )

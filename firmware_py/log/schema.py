@@ -51,7 +51,7 @@ from firmware_py.log.message_rows import (
 )
 
 VERSION: Final = 2  # of requests and identities, which are stored as texts; early development versions had 1
-_HOOKS: Final = Hooks(plan.as_plain, lambda _kind, data: plan.from_plain(data), {plan.Plan: plan.drop_unknown})
+_HOOKS: Final = Hooks(plan.as_plain, lambda _kind, data: plan.from_plain(data), {plan.Plan: plan.note_unknown})
 
 
 def _keep_text(text: str) -> str:

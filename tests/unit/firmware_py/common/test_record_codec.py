@@ -131,6 +131,7 @@ def test_missing_field_has_its_default_without_a_note():
     ("path", "note"),
     [
         (("tide_m",), "Boat: field 'tide_m' is not known here, ignored"),
+        ((7,), "Boat: field 7 is not known here, ignored"),
         (("target", "tide_m"), "Boat.target: field 'tide_m' is not known here, ignored"),
         (("places", 1, "tide_m"), "Boat.places: field 'tide_m' is not known here, ignored"),
         (("pair", 0, "tide_m"), "Boat.pair: field 'tide_m' is not known here, ignored"),
@@ -255,6 +256,7 @@ def read_chart(change):
 @pytest.mark.parametrize("chart", [Chart(), CHART])
 def test_named_tuple_is_restored_bit_for_bit(chart):
     assert "x_m" in to_text(chart, 1)
+    assert ('"by_name":{"a":{"x_m":4.0,"seen":false}}' in to_text(chart, 1)) == bool(chart.by_name)
     for restored, notes in (decode(Chart, encode(chart, 1), 1), from_text(Chart, to_text(chart, 1), 1)):
         assert repr(restored) == repr(chart)
         assert notes == ()
