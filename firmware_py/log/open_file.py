@@ -89,9 +89,7 @@ def _remedy_for_full_disk() -> Iterator[None]:
 def _find_next_member(data: bytes, source: IO[bytes]) -> bytes:
     """Search the next member after the first byte; return the data from it on, empty at the end of the source."""
     begin = data.find(MEMBER_BEGIN, 1)
-    while begin < 0:
-        if not (next_chunk := source.read(_CHUNK_BYTES)):
-            return b""
+    while begin < 0 and (next_chunk := source.read(_CHUNK_BYTES)):
         data = data[1:][-len(MEMBER_BEGIN) :] + next_chunk
         begin = data.find(MEMBER_BEGIN)
-    return data[begin:]
+    return b"" if begin < 0 else data[begin:]
