@@ -87,18 +87,15 @@ def find_next_tick(descriptor: int, offset: int, end: int) -> TickPosition | Non
     follows_end = offset > 0
     end_bytes = schema.END.size if follows_end else 0
     size = _TICK_FORMAT.length
-    while offset + size <= end:
-        data = os.pread(descriptor, min(_CHUNK_BYTES + end_bytes + size, end - offset), offset)
+    for begin in range(offset, end - size + 1, _CHUNK_BYTES):
+        data = os.pread(descriptor, min(_CHUNK_BYTES + end_bytes + size, end - begin), begin)
         position = data.find(_TICK_MARK, end_bytes)
         while 0 <= position <= len(data) - size:
             if not follows_end or data[position - end_bytes : position - end_bytes + HEAD_BYTES] == _END_MARK:
                 values = dict(zip(_TICK_FORMAT.labels, _TICK_FORMAT.unpack(data, position), strict=True))
                 if math.isfinite(values["T"]):
-                    return TickPosition(offset + position, values["Tick"], values["T"])
+                    return TickPosition(begin + position, values["Tick"], values["T"])
             position = data.find(_TICK_MARK, position + 1)
-        if len(data) <= end_bytes + size:
-            return None
-        offset += len(data) - end_bytes - size
     return None
 
 

@@ -205,6 +205,14 @@ def test_bench_waits_for_a_stuck_shaft_for_a_time_per_step():
     assert servo.time_s - start_s == pytest.approx(3 * 1.5, abs=0.1)
 
 
+def test_commands_are_repeated_every_tenth_of_a_second():
+    servo, times_s = SimulatedServo(is_stuck=True), []
+    servo.command = lambda _command, now_s: times_s.append(now_s)
+    bench_of(servo).move(radians(4.0))
+    gaps_s = [later - earlier for earlier, later in pairwise(times_s)]
+    assert (min(gaps_s), max(gaps_s)) == pytest.approx((0.1, 0.15), abs=0.001)  # the servo is polled each 50 ms
+
+
 def test_bench_waits_for_an_angle_after_the_command():
     servo = SimulatedServo()
     bench = bench_of(servo)

@@ -68,8 +68,16 @@ def test_unmeasured_time_is_extrapolated_and_marked(energy):
     assert day["load"] == {"wh": 50.0, "measured_h": 5.0, "estimated": True}
     assert day["servo"] == {"wh": 5.0, "measured_h": 10.0, "estimated": False}
     assert day["rest"]["estimated"]
-    code, out = energy(data)
-    assert (code, "~50.00" in out, " 5.00" in out) == (0, True, True)
+    code, out = energy(minutes(0.0, 6, load_w=10.0) + data)
+    assert (code, out.splitlines()) == (0, [
+        "Wh by day (UTC)  hours    panels     loads     servo  all else        in       out    charge",
+        "no valid clock    0.10         -      1.00         -         -         -         -         -",
+        "2027-01-01       10.00    ~80.00    ~50.00      5.00    ~45.00    ~30.00     ~0.00         -",
+        "in, out: battery charge and discharge; ~ estimated, at least in part; - unknown",
+    ])  # fmt: skip
+    assert energy(minutes(DAY_UTC_S, 6, charge=0.756))[1].splitlines()[1].endswith("      76 %")
+    day = json.loads(energy(minutes(0.0, 1, load_w=1.0), "--json")[1])["days"][0]
+    assert (day["day"], day["logged_h"], day["load"]["wh"]) == (None, 0.0167, 0.0167)
 
 
 def test_rest_needs_a_monitor_or_rest_w(energy):
@@ -96,7 +104,8 @@ def test_missing_records_and_bad_arguments(energy, tmp_path, capsys):
     assert energy(b"") == (1, "no energy records yet; run for at least a minute\n")
     assert main(["energy", str(tmp_path / "nothing.BIN")]) == 2
     assert "give a thin log" in capsys.readouterr().err
-    assert main(["energy", str(tmp_path), "--rest-w", "nan"]) == 2
+    for rest_w, code in (("nan", 2), ("-0.1", 2), ("100000.1", 2), ("0", 1), ("100000", 1)):
+        assert main(["energy", str(tmp_path), "--rest-w", rest_w]) == code
 
 
 def test_column_of_another_type_is_ignored(energy):

@@ -186,6 +186,24 @@ def test_a_full_disk_leaves_the_log(log, monkeypatch):
     assert read_content(log.parent) == CONTENT
 
 
+def test_spans_are_read_as_one_file(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(bytes(range(100)))
+    descriptor = os.open(path, os.O_RDONLY)
+    spans = Spans(
+        (Span(descriptor, 10, 20), Span(descriptor, 50, 50), Span(descriptor, 0, 5), Span(descriptor, 90, 100))
+    )
+    expected = bytes((*range(10, 20), *range(5), *range(90, 100)))
+    assert spans.size == len(expected)
+    for begin in range(len(expected) + 2):
+        for count in range(len(expected) + 3):
+            assert spans.read(begin, count) == expected[begin : begin + count]
+    os.truncate(path, 95)
+    with pytest.raises(OSError, match="shorter"):
+        spans.read(0, 100)
+    os.close(descriptor)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_error_of_any_call_loses_no_data(tmp_path, kind, monkeypatch):
     """Each call fails once; checked are the disk after the error and after a power cut."""
@@ -220,21 +238,3 @@ def test_an_error_of_any_call_loses_no_data(tmp_path, kind, monkeypatch):
             shutil.rmtree(state_directory)
     assert {"open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "close"} - failed == set()
     assert set(CALLS) >= failed
-
-
-def test_spans_are_read_as_one_file(tmp_path):
-    path = tmp_path / "x"
-    path.write_bytes(bytes(range(100)))
-    descriptor = os.open(path, os.O_RDONLY)
-    spans = Spans(
-        (Span(descriptor, 10, 20), Span(descriptor, 50, 50), Span(descriptor, 0, 5), Span(descriptor, 90, 100))
-    )
-    expected = bytes((*range(10, 20), *range(5), *range(90, 100)))
-    assert spans.size == len(expected)
-    for begin in range(len(expected) + 2):
-        for count in range(len(expected) + 3):
-            assert spans.read(begin, count) == expected[begin : begin + count]
-    os.truncate(path, 95)
-    with pytest.raises(OSError, match="shorter"):
-        spans.read(0, 100)
-    os.close(descriptor)

@@ -74,6 +74,72 @@ def fail(*_arguments):
     raise OSError(28, "No space left on device")
 
 
+@pytest.fixture
+def worker(tmp_path, monkeypatch):
+    """An archive worker with two closed logs, whose jobs are recorded and have steps without end."""
+    for number in (1, 2, 3):
+        (tmp_path / f"{number:08d}.BIN").touch()
+    worker = ArchiveWorker(tmp_path)
+    worker.jobs, worker.steps, worker.errors = [], 0, []
+
+    def job(*words):
+        worker.jobs.append(words)
+        if worker.errors:
+            raise worker.errors.pop()
+        while worker.steps >= 0:
+            worker.steps += 1
+            yield
+
+    monkeypatch.setattr(archive_worker, "archive_log", lambda path: job(path.name))
+    monkeypatch.setattr(archive_worker, "make_box", lambda log, *event: job(log.name, *event))
+    monkeypatch.setattr(archive_worker, "is_first_of_run", lambda _log: False)
+    return worker
+
+
+def test_steps_are_in_proportion_to_the_bytes_written(worker):
+    for written_bytes, steps in ((0, 1), (32_767, 1), (32_768, 2), (3 << 16, 7)):
+        worker.steps = 0
+        worker.work(written_bytes)
+        assert worker.steps == steps
+    assert worker.jobs == [("00000001.BIN",)]
+
+
+def test_a_box_is_made_32_s_after_a_severe_fault_and_once_in_600_s(worker):
+    for t_s in (0.0, 31.9, 32.0, 599.9, 600.0, 631.9, 632.0):
+        worker.note_tick(t_s, is_severe=True)
+        worker.work(0)
+        if t_s == 32.0:
+            assert worker.jobs[-1] == ("00000003.BIN", "0", 0.0)
+            worker._box_job = None
+    boxes = [job for job in worker.jobs if len(job) == 3]
+    assert boxes == [("00000003.BIN", "0", 0.0), ("00000003.BIN", "600", 600.0)]
+
+
+def test_a_failed_log_is_tried_again_after_60_turns_and_the_others_first(worker):
+    worker.errors = [ValueError(), OSError(28, "No space"), RuntimeError("broken")]
+    failures = []
+    for _ in range(4):
+        worker.work(0)
+        failures.append(worker.failure)
+        for _ in range(60):
+            worker.work(0)
+            failures.append(worker.failure)
+    texts = ["log: not compressed: broken", "log: not compressed: No space", "log: not compressed: ValueError"]
+    assert [failures[61 * number] for number in range(3)] == texts
+    assert worker.jobs == [("00000001.BIN",), ("00000002.BIN",), ("00000001.BIN",), ("00000002.BIN",)]
+
+
+def test_without_a_job_the_directory_is_read_each_21st_turn(worker, monkeypatch, tmp_path):
+    reads = []
+    monkeypatch.setattr(archive_worker, "log_files", lambda directory: reads.append(directory) or {})
+    worker.failure = "log: not compressed: an earlier error"
+    for turn in range(43):
+        worker.work(0)
+        assert len(reads) == 1 + turn // 21
+    assert worker.failure == ""
+    assert reads[0] == tmp_path
+
+
 def test_closed_logs_are_compressed_and_read_back_tick_by_tick(tmp_path, fake):
     run = Run(fake, tmp_path, file_bytes=100_000).sail(500).turn(3 * IDLE_TURNS)
     names = log_names(tmp_path)
@@ -170,72 +236,6 @@ def test_a_closed_file_without_a_tick_is_compressed_without_a_box(tmp_path, fake
     assert log_names(tmp_path) == ["00000001.BIN.gz", "00000002.BIN"]
     assert boxes(tmp_path) == []
     run.recorder.close()
-
-
-@pytest.fixture
-def worker(tmp_path, monkeypatch):
-    """An archive worker with two closed logs, whose jobs are recorded and have steps without end."""
-    for number in (1, 2, 3):
-        (tmp_path / f"{number:08d}.BIN").touch()
-    worker = ArchiveWorker(tmp_path)
-    worker.jobs, worker.steps, worker.errors = [], 0, []
-
-    def job(*words):
-        worker.jobs.append(words)
-        if worker.errors:
-            raise worker.errors.pop()
-        while worker.steps >= 0:
-            worker.steps += 1
-            yield
-
-    monkeypatch.setattr(archive_worker, "archive_log", lambda path: job(path.name))
-    monkeypatch.setattr(archive_worker, "make_box", lambda log, *event: job(log.name, *event))
-    monkeypatch.setattr(archive_worker, "is_first_of_run", lambda _log: False)
-    return worker
-
-
-def test_steps_are_in_proportion_to_the_bytes_written(worker):
-    for written_bytes, steps in ((0, 1), (32_767, 1), (32_768, 2), (3 << 16, 7)):
-        worker.steps = 0
-        worker.work(written_bytes)
-        assert worker.steps == steps
-    assert worker.jobs == [("00000001.BIN",)]
-
-
-def test_a_box_is_made_32_s_after_a_severe_fault_and_once_in_600_s(worker):
-    for t_s in (0.0, 31.9, 32.0, 599.9, 600.0, 631.9, 632.0):
-        worker.note_tick(t_s, is_severe=True)
-        worker.work(0)
-        if t_s == 32.0:
-            assert worker.jobs[-1] == ("00000003.BIN", "0", 0.0)
-            worker._box_job = None
-    boxes = [job for job in worker.jobs if len(job) == 3]
-    assert boxes == [("00000003.BIN", "0", 0.0), ("00000003.BIN", "600", 600.0)]
-
-
-def test_a_failed_log_is_tried_again_after_60_turns_and_the_others_first(worker):
-    worker.errors = [ValueError(), OSError(28, "No space"), RuntimeError("broken")]
-    failures = []
-    for _ in range(4):
-        worker.work(0)
-        failures.append(worker.failure)
-        for _ in range(60):
-            worker.work(0)
-            failures.append(worker.failure)
-    texts = ["log: not compressed: broken", "log: not compressed: No space", "log: not compressed: ValueError"]
-    assert [failures[61 * number] for number in range(3)] == texts
-    assert worker.jobs == [("00000001.BIN",), ("00000002.BIN",), ("00000001.BIN",), ("00000002.BIN",)]
-
-
-def test_without_a_job_the_directory_is_read_each_21st_turn(worker, monkeypatch, tmp_path):
-    reads = []
-    monkeypatch.setattr(archive_worker, "log_files", lambda directory: reads.append(directory) or {})
-    worker.failure = "log: not compressed: an earlier error"
-    for turn in range(43):
-        worker.work(0)
-        assert len(reads) == 1 + turn // 21
-    assert worker.failure == ""
-    assert reads[0] == tmp_path
 
 
 def test_the_next_tick_is_found_from_any_offset(tmp_path, fake):

@@ -2,11 +2,14 @@ import errno
 import shutil
 import threading
 from collections import Counter
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, Inputs, NorthReference, RudderFeedback
+from firmware_py.faults.table import TABLE
 from firmware_py.log import recorder as recorder_module
 from firmware_py.log.dataflash import Parser
 from firmware_py.log.disk import LocalDisk, log_files
@@ -32,6 +35,24 @@ def indexes_of(ticks):
 
 def total_bytes(directory):
     return sum(path.stat().st_size for path in log_files(directory).values())
+
+
+def test_a_new_severe_fault_requests_a_black_box(tmp_path, fake, monkeypatch):
+    calls = []
+    worker = SimpleNamespace(note_tick=lambda t_s, *, is_severe: calls.append((t_s, is_severe)), failure="")
+    monkeypatch.setattr(recorder_module, "ArchiveWorker", lambda _directory: worker)
+    recorder = fake.make_recorder(tmp_path)
+    inputs = fake.make_inputs(5)
+    output = fake.step(fake.State(), inputs)[1]
+    severe = {fault for fault, row in TABLE.items() if row.severity.name in ("EMERGENCY", "ALERT", "CRITICAL", "ERROR")}
+    assert 0 < len(severe) < len(TABLE)
+    for fault in TABLE:
+        for faults in (0, 1 << fault, 1 << fault):
+            snapshot = msgspec.structs.replace(output.snapshot, faults=faults)
+            recorder.offer(inputs, msgspec.structs.replace(output, snapshot=snapshot), lambda: "{}")
+        assert [is_severe for _, is_severe in calls[-3:]] == [False, fault in severe, False], fault
+    assert calls[0][0] == inputs.tick.t_s
+    recorder.close()
 
 
 def test_pymavlink_reads_the_messages_with_values_and_units(tmp_path, fake, capfd):
