@@ -190,34 +190,33 @@ class Splitter:
 
     def _scan(self, data: bytes) -> Iterator[Frame]:
         """Yield the complete frames; store the incomplete frame at the end in the buffer."""
-        position = 0
         self._buffer = b""
-        while (marker := _MARKER.search(data, position)) is not None:
+        end = 0  # of the latest frame
+        for marker in _MARKER.finditer(data):
             start = marker.start()
+            if start < end:
+                continue
             size = _frame_size(data, start)
             if size == _INCOMPLETE:
                 self._buffer = data[start:]
                 return
-            position = start + 1
             if size is None:
                 continue
             frame = _check(data[start : start + size])
             if frame is None:
                 self.rejected += 1
             else:
-                position = start + size
+                end = start + size
                 yield frame
 
 
 def _next_frame_offset(data: bytes) -> int | None:
     """Return the offset of the first complete frame after the first byte; None if there is none."""
-    position = 1
-    while (marker := _MARKER.search(data, position)) is not None:
+    for marker in _MARKER.finditer(data, 1):
         start = marker.start()
         size = _frame_size(data, start)
         if size and _check(data[start : start + size]) is not None:
             return start
-        position = start + 1
     return None
 
 

@@ -26,6 +26,7 @@ class Line:
         if self.is_writable:
             self.data += data
             self.sizes.append(len(data))
+            assert len(self.sizes) < 10_000, "it sends without end"
         return self.is_writable
 
     def frames(self):

@@ -69,7 +69,9 @@ def test_queued_jobs_are_finished_at_the_end(worker):
     done = []
     for number in range(32):
         worker.submit(lambda number=number: done.append((number, sum(range(50_000)))), print)
+    thread = worker._thread
     worker.close()
+    assert not thread.is_alive()
     assert [number for number, _ in done] == list(range(32))
     assert (worker.fileno(), worker.progress()) == (-1, ())
     worker.close()
