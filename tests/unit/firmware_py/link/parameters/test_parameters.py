@@ -286,7 +286,7 @@ READ_ALL = [read_message(b"", row) for row in range(len(TABLE))]
 
 @pytest.mark.parametrize(("byte_rate", "queued"), [(960.0, 8), (None, 64)])
 @pytest.mark.parametrize("requests", [[LIST], READ_ALL])
-def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued, requests):
+def test_blocked_link_queues_few_parameters(make_rig, of, byte_rate, queued, requests):
     rig = make_rig(byte_rate=byte_rate)
     rig.tick()
     rig.transport.is_writable = False
@@ -298,6 +298,9 @@ def test_blocked_link_queues_few_parameters(make_rig, byte_rate, queued, request
     rig.transport.is_writable = True
     rig.tick_silently()
     assert rig.endpoint.busy is (byte_rate is None)  # a network continues before the next tick
+    rig.replies()
+    rig.endpoint.service(rig.now_s, [])
+    assert len(of(rig.replies(), "PARAM_VALUE")) == (8 if byte_rate is None else 0)
 
 
 @pytest.mark.parametrize(("name", "kind"), [(b"LNK_SYSID", 6), (b"CTL_K1", 9)])
