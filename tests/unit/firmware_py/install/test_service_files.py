@@ -199,7 +199,9 @@ def install(root, *arguments):
 
 def test_install_in_image_is_idempotent_and_removable(image, capsys):
     root, calls = image
+    previous_umask = os.umask(0o077)
     assert install(root) == 0
+    os.umask(previous_umask)
     assert calls() == [f"systemd-sysusers --root={root}", f"systemctl --root={root} --quiet enable rambler"]
     files = [root / file.path.relative_to("/") for file in service_files(SERVICE)]
     assert all(path.stat().st_mode & 0o777 == 0o644 for path in files)

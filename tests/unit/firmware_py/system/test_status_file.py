@@ -64,6 +64,22 @@ def test_memory_is_distinguished_from_other_file_systems():
     assert not is_in_memory(Path("/proc"))
 
 
+@pytest.mark.parametrize(
+    ("number", "end", "expected"),
+    [
+        ("{}", "tmpfs none rw", True),
+        ("{}", "ramfs none rw", True),
+        ("{}", "ext4 tmpfs rw", False),
+        ("999:1{}", "tmpfs none rw", False),
+    ],
+)
+def test_memory_is_recognised_by_the_type_of_the_mount(tmp_path, monkeypatch, number, end, expected):
+    device = tmp_path.stat().st_dev
+    line = f"36 35 {number.format(f'{os.major(device)}:{os.minor(device)}')} / /mnt rw,noatime shared:1 - {end}\n"
+    monkeypatch.setattr(Path, "read_text", lambda *_arguments, **_options: line)
+    assert is_in_memory(tmp_path) is expected
+
+
 def test_the_last_status_is_found_by_any_path_of_the_state_directory(memory, state, tmp_path):
     (tmp_path / "link").symlink_to(state)
     file = StatusFile(state, (memory,))
