@@ -1,9 +1,11 @@
+import json
 import struct
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
+from firmware_py.common.intents import Arm, Request
 from firmware_py.common.records import (
     DeviceHealth,
     HeadingSample,
@@ -66,6 +68,13 @@ def test_the_checksum_covers_the_records_and_the_sequence_number():
     checksums = {schema.append_end(*tick)[-4:] for tick in ((b"abc", 1.0, 1), (b"abc", 1.0, 2), (b"abd", 1.0, 1))}
     assert len(checksums) == 3
     assert schema.END.values[-1] == "I"  # the checksum is the last column
+
+
+def test_requests_have_the_version_that_earlier_programs_read():
+    request = Request(1.0, Arm(armed=True), 255, 190)
+    fields = json.loads(schema.encode_request(request))
+    intent = fields.pop("intent")
+    assert (fields, intent["armed"]) == ({"version": 2, "t_s": 1.0, "system": 255, "component": 190}, True)
 
 
 FAULTS = """

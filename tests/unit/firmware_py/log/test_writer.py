@@ -165,6 +165,38 @@ def test_files_without_synced_data_are_removed(disk):
     assert (writer.lost, writer.requested_files, disk.files) == (6, 4, {})
 
 
+class WorkingWake:
+    """An event whose setting does a turn of the writer."""
+
+    def __init__(self, writer):
+        self.writer, self.turns = writer, 0
+
+    def set(self):
+        self.turns += 1
+        assert self.turns < 9, "the loop waits without end"
+        self.writer.work()
+
+
+@pytest.mark.parametrize(
+    ("is_alive", "batches", "turns"), [(True, (b"ONE", b"two", b"three"), [1, 0, 0]), (False, (b"ONE",), [0])]
+)
+def test_the_loop_waits_for_the_first_batch_only_and_not_for_a_dead_thread(disk, is_alive, batches, turns):
+    writer = make_writer(disk, wait_for_disk=True)
+    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: is_alive)
+    for batch, expected in zip(batches, turns, strict=True):
+        writer._wake.turns = 0
+        put(writer, batch)
+        assert writer._wake.turns == expected
+
+
+def test_the_loop_waits_for_a_full_queue_but_not_for_a_failed_disk(disk):
+    writer = make_writer(disk, wait_for_disk=True, queue_batches=1)
+    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: True)
+    disk.create_error = READ_ONLY
+    put(writer, b"ONE", b"two")
+    assert (writer._wake.turns, writer.is_full(), writer.lost) == (2, False, 2)
+
+
 def test_close_waits_until_the_thread_has_written_the_queue(disk):
     writer = make_writer(disk)
     writer.start()
@@ -210,38 +242,6 @@ def test_with_wait_for_disk_a_missing_disk_does_not_block(disk):
     put(writer, b"ONE", b"two")
     assert (writer.has_written, writer.failure) == (False, "log: Read-only file system")
     writer.close()
-
-
-class WorkingWake:
-    """An event whose setting does a turn of the writer."""
-
-    def __init__(self, writer):
-        self.writer, self.turns = writer, 0
-
-    def set(self):
-        self.turns += 1
-        assert self.turns < 9, "the loop waits without end"
-        self.writer.work()
-
-
-@pytest.mark.parametrize(
-    ("is_alive", "batches", "turns"), [(True, (b"ONE", b"two", b"three"), [1, 0, 0]), (False, (b"ONE",), [0])]
-)
-def test_the_loop_waits_for_the_first_batch_only_and_not_for_a_dead_thread(disk, is_alive, batches, turns):
-    writer = make_writer(disk, wait_for_disk=True)
-    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: is_alive)
-    for batch, expected in zip(batches, turns, strict=True):
-        writer._wake.turns = 0
-        put(writer, batch)
-        assert writer._wake.turns == expected
-
-
-def test_the_loop_waits_for_a_full_queue_but_not_for_a_failed_disk(disk):
-    writer = make_writer(disk, wait_for_disk=True, queue_batches=1)
-    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: True)
-    disk.create_error = READ_ONLY
-    put(writer, b"ONE", b"two")
-    assert (writer._wake.turns, writer.is_full(), writer.lost) == (2, False, 2)
 
 
 @pytest.mark.parametrize(
