@@ -166,10 +166,6 @@ def _convert_jump(item: PlanItem) -> MissionStep:
     )
 
 
-def _convert_jump_to_tag(item: PlanItem) -> MissionStep:
-    return replace(_convert_jump(item), target=-1)
-
-
 def _convert_condition_distance(item: PlanItem) -> MissionStep:
     distance_m = limit_number(item.params[0], 0.0, MAX_DISTANCE_M)
     return MissionStep(Command.CONDITION_DISTANCE, distance_m=distance_m, autocontinue=item.autocontinue)
@@ -205,7 +201,7 @@ _CONVERTERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
     Command.YAW: _convert_yaw,
     Command.JUMP: _convert_jump,
     Command.JUMP_TAG: _convert_without_parameters,
-    Command.JUMP_TO_TAG: _convert_jump_to_tag,
+    Command.JUMP_TO_TAG: _convert_jump,  # with the target of convert_mission
     Command.FENCE_ENABLE: _convert_fence_enable,
     Command.CHANGE_SPEED: _convert_without_parameters,
     Command.SET_HOME: _convert_set_home,

@@ -182,7 +182,9 @@ def test_durations_and_limits_of_a_comparison(state, step_s, off_deg, expected):
     assert (result.agreed_s, result.disagreed_s, result.has_turned, result.is_used) == expected
 
 
-@pytest.mark.parametrize(("age_s", "is_used"), [(0.15, True), (-0.15, True), (0.16, False), (-0.16, False), (math.nan, False)])
+@pytest.mark.parametrize(
+    ("age_s", "is_used"), [(0.15, True), (-0.15, True), (0.16, False), (-0.16, False), (math.nan, False)]
+)
 def test_age_of_a_rate_is_at_most_0_15_s(age_s, is_used):
     state = gyro.GyroState(is_used=True, rate_t_s=0.0, rate_rad_s=0.25)
     assert math.isnan(gyro.rate_at(state, age_s)) is not is_used

@@ -11,6 +11,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.reports import MissionState
 from firmware_py.guidance import mission, mission_progress
 from firmware_py.guidance.mission import MissionInput
+from firmware_py.guidance.mission_commands import next_utc_of
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.orbit import OrbitState
@@ -200,6 +201,25 @@ def test_delay_ends_at_a_time_of_day(set_back_s):
         assert runner.progress.index == 1
     runner.utc_s += 1.0
     assert runner.step(arrived=True) == go_to(B, A)
+
+
+DAY_S = 86_400.0
+
+
+@pytest.mark.parametrize(
+    ("until_utc_s", "elapsed_s", "utc_s", "expected_s"),
+    [
+        (None, 10.0, 2.0 * DAY_S + 50.0, 2.0 * DAY_S + 100.0),
+        (None, 100.0, 2.0 * DAY_S + 150.0, 2.0 * DAY_S + 100.0),  # it has passed since the beginning
+        (None, 10.0, 2.0 * DAY_S + 150.0, 3.0 * DAY_S + 100.0),
+        (9.0 * DAY_S, 10.0, 10.0 * DAY_S, 9.0 * DAY_S),  # it has passed during an interruption
+        (9.0 * DAY_S, 10.0, 8.0 * DAY_S, 9.0 * DAY_S),
+        (9.0 * DAY_S, 10.0, 8.0 * DAY_S - 1.0, 8.0 * DAY_S - 11.0 + 111.0),  # the clock was set back
+    ],
+)
+def test_end_of_a_delay_is_the_next_time_of_day_after_its_beginning(until_utc_s, elapsed_s, utc_s, expected_s):
+    progress = MissionProgress(elapsed_s=elapsed_s, until_utc_s=until_utc_s)
+    assert next_utc_of(100.0, utc_s, progress) == expected_s
 
 
 def test_delay_until_a_time_of_day_lasts_a_day_without_a_clock():

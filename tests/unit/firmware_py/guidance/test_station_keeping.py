@@ -1,17 +1,20 @@
 """Station keeping of a simulated boat."""
 
 import math
+import random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import station_keeping
 from firmware_py.guidance.station_keeping import StationKeepingState
-from firmware_py.guidance.tasks import HoldStation, VesselMotion
+from firmware_py.guidance.tasks import HeadingTarget, HoldStation, VesselMotion
 
 
 @pytest.mark.parametrize(
@@ -72,6 +75,58 @@ def test_leg_ends_where_a_turn_back_after_10_s_would_leave_the_margin(
         settings, StationKeepingState(0.0), HoldStation(origin, radius_m), motion, north_m
     )
     assert (state.way_rad == 0.0) is is_kept
+
+
+def expected_leg_rad(motion, turning_radius_m, north_m, east_m, limit_m):
+    """Return the leg with the longest time inside the limit, by an independent computation of all turns.
+
+    A turn is an arc at 0.7 of the full rate that drifts with the current; a radian of it costs 30 s.
+    """
+    speed_m_s, way_rad = motion.speed_m_s, motion.heading_rad + motion.leeway_rad
+    current = np.array([motion.current_north_m_s, motion.current_east_m_s])
+    start, radius_m = np.array([north_m, east_m]), turning_radius_m / 0.7
+    values = {}
+    for number in range(36):
+        angle_rad = wrap_pi(math.radians(10.0 * number))
+        side = math.copysign(1.0, angle_rad)
+
+        def arc(rad, side=side):
+            return side * radius_m * np.array([math.sin(way_rad + rad), -math.cos(way_rad + rad)])
+
+        turn_s = abs(angle_rad) * radius_m / max(speed_m_s, 0.05)
+        middle, end = (start + arc(share * angle_rad) - arc(0.0) + share * turn_s * current for share in (0.5, 1.0))
+        leg_rad = way_rad + angle_rad
+        velocity = current + speed_m_s * np.array([math.cos(leg_rad), math.sin(leg_rad)])
+        stay_s = 0.0
+        if np.hypot(*end) < limit_m:
+            stay_s = min(
+                7200.0, max(np.roots([velocity @ velocity, 2.0 * end @ velocity, end @ end - limit_m**2]).real)
+            )
+        outside_m = max(0.0, max(np.hypot(*place) for place in (start, middle, end)) - limit_m)
+        values[leg_rad] = (-round(outside_m, 9), turn_s + stay_s - 30.0 * abs(angle_rad))
+    return max(values, key=values.get)
+
+
+def test_next_leg_is_that_with_the_longest_time_inside(origin, task_settings):
+    rng = random.Random(5)
+    for number in range(150):
+        radius_m, speed_m_s = rng.choice((30.0, 100.0, 400.0)), rng.choice((0.02, 0.2, 0.4, 0.8))
+        distance_m, bearing_rad = radius_m * rng.uniform(0.0, 0.99), rng.uniform(0.0, 2.0 * math.pi)
+        north_m, east_m = distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
+        current = [rng.uniform(-0.9, 0.9) * speed_m_s * (number % 3 > 0) for _ in "ne"]
+        motion = VesselMotion(
+            origin.at_offset(north_m, east_m),
+            rng.uniform(0.0, 6.28),
+            speed_m_s,
+            *current,
+            leeway_rad=rng.uniform(-0.2, 0.2),
+        )
+        task = HoldStation(origin, radius_m)
+        state, target = station_keeping.update(task_settings, StationKeepingState(), task, motion, distance_m)
+        limit_m = radius_m - min(max(6.0, 0.1 * radius_m), 0.25 * radius_m)
+        expected_rad = expected_leg_rad(motion, 15.6, *origin.offset_m(motion.place), limit_m)
+        assert math.remainder(state.way_rad - expected_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6), number
+        assert target == HeadingTarget(pytest.approx((state.way_rad - motion.leeway_rad) % (2.0 * math.pi)), False)
 
 
 @pytest.mark.parametrize(("heading_rad", "is_kept"), [(0.34, False), (0.36, True), (-0.34, False), (-0.36, True)])
