@@ -7,14 +7,17 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Home
 from firmware_py.faults.table import Fault
 from firmware_py.link.context import LinkContext, Suppliers, within
+from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.outbox import UnsignedSealer
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
-from support.link import SNAPSHOT, FakeRequestHandler
+from support.link import SNAPSHOT, FakeRequestHandler, MemoryTransport
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 BREACHED = 1 << Fault.FENCE_BREACHED
@@ -113,6 +116,49 @@ def test_accepted_request_is_the_intended_mode(context, verdict, intent, mode, h
     assert (request.t_s, request.intent, request.system, request.component) == (5.0, intent, 255, 190)
     expected = (mode, home_report_due) if verdict is Verdict.ACCEPTED else (None, False)
     assert (context.intended_mode, context.home_report_due) == expected
+
+
+def sent_to(peer):
+    """Return the messages that a peer was sent, and forget them."""
+    peer.outbox.flush(0.0)
+    sent, peer.transport.sent = peer.transport.sent, []
+    return mavlink.MAVLink(None).parse_buffer(b"".join(data for _, data in sent)) or []
+
+
+def test_peer_that_uses_mavlink1_is_notified_once(context, texts):
+    peer = Peer(MemoryTransport(), "station", UnsignedSealer(), 0.0)
+    context.introduce(peer)
+    assert sent_to(peer) == []
+    peer.outbox.is_mavlink1_only = True
+    for report in ("MAVLink 1 in use: fence, rally and signing need MAVLink 2", ""):
+        context.introduce(peer)
+        assert "".join(texts(sent_to(peer))) == report
+
+
+def test_text_is_sent_to_one_or_to_all_peers(context, texts):
+    peers = [Peer(MemoryTransport(), number, UnsignedSealer(), 0.0) for number in range(2)]
+    context.peers = peers
+    context.send_text_all(Severity.NOTICE, "to all")
+    assert [texts(sent_to(peer)) for peer in peers] == [["to all"]] * 2
+    context.send_text(peers[0], Severity.NOTICE, "to one")
+    for _ in range(3):
+        context.send_text_limited(peers[1], Severity.NOTICE, "repeated", 5.0)
+    context.flush_all()
+    assert [texts(sent_to(peer)) for peer in peers] == [["to one"], ["repeated"]]
+    assert context.heartbeat().system_status == mavlink.MAV_STATE_BOOT
+    context.update_snapshot(SNAPSHOT)
+    assert context.heartbeat().system_status == mavlink.MAV_STATE_ACTIVE
+
+
+@pytest.mark.parametrize(("autopilot", "kind"), [(3, 6), (0, 9)])
+def test_parameter_value_has_the_type_that_the_autopilot_declares(autopilot, kind):
+    handler = FakeRequestHandler()
+    handler.values = handler.values.replaced("LNK_IDENTITY", autopilot).replaced("LNK_SYSID", 7)
+    context = LinkContext(handler, Suppliers(lambda: 0.0, lambda: 0.0), Version())
+    value = context.parameter_value(INDEX["LNK_SYSID"], 5)
+    assert (value.param_id, value.param_value, value.param_type) == ("LNK_SYSID", 7.0, kind)
+    assert (value.param_count, value.param_index) == (len(TABLE), 5)
+    assert (context.system, context.component, context.autopilot) == (7, 1, autopilot)
 
 
 def test_long_texts_are_numbered_from_one(rig, of):
