@@ -32,6 +32,9 @@ def test_failed_essential_correction_is_repeated_every_second(conversation, corr
     assert corrections(1.0) == ["return delay", WATCHDOG, TORQUE, TORQUE, TORQUE]
     assert conversation.servo.condition(has_replied=True)[1] == "servo does not store torque enable"
     assert [corrections(now_s) for now_s in (1.99, 2.0, 2.99, 3.0)] == [[], [TORQUE], [], [TORQUE]]
+    servo.ignored_addresses.clear()
+    assert corrections(4.0) == [TORQUE]
+    assert conversation.servo.condition(has_replied=True) == (DeviceState.RUNNING, "model 1170, firmware 47")
 
 
 @pytest.mark.parametrize(

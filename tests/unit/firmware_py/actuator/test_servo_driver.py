@@ -184,7 +184,8 @@ def test_silence_is_reported_to_the_servo_and_in_the_health(line, driver, servo)
     assert driver.health(1.8).state is DeviceState.SILENT
 
 
-def test_reopened_line_restarts_the_servo(line, driver, servo):
+@pytest.mark.parametrize("is_commanded", [False, True])
+def test_reopened_line_restarts_the_servo(line, driver, servo, is_commanded):
     driver.command(RudderCommand(0.1, torque_on=True), 0.0)
     reply(line, driver, b"0.1", 0.01)
     line.unplug()
@@ -192,7 +193,10 @@ def test_reopened_line_restarts_the_servo(line, driver, servo):
     assert line.written == [b"0.1"]
     assert (driver.fileno(), driver.health(0.1).state) == (-1, DeviceState.ABSENT)
     line.plug()
-    driver.receive(0.2)
+    if is_commanded:
+        driver.command(RudderCommand(0.2, torque_on=True), 0.2)
+    else:
+        driver.receive(0.2)
     assert (servo.restarts, servo.parser.clears) == (1, 1)
     assert line.written == [b"0.1", b"0.2"]
     assert driver.health(0.2).state is DeviceState.STARTING

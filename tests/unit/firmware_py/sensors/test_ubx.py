@@ -140,6 +140,9 @@ def test_packet_with_one_wrong_bit_is_rejected_and_the_next_packet_decoded(deliv
         damaged = bytearray(packet)
         damaged[bit // 8] ^= 1 << bit % 8
         assert deliver(receiver, bytes(damaged), packet) == samples, bit
+    damaged_headers = 20  # 16 bits of the marker, 4 that make the length impossible
+    assert receiver.health(1.0).rejected == 8 * len(packet) - damaged_headers
+    assert receiver.health(1.0).text == "checksum"
 
 
 def test_recording_of_a_neo_m8n_is_decoded_completely(deliver, recordings, receiver):

@@ -275,6 +275,8 @@ def test_rejected_rate_is_reported(make, line, exchange):
     compass = make(rate_hz=20)
     rate_commands(exchange, line, compass, {"rate": 6, "accepts": False}, 3.0)
     assert (compass.health(3.0).state, compass.health(3.0).text) == (DeviceState.RUNNING, "rate of 20 Hz not accepted")
+    rate_commands(lambda driver, now_s, *data: exchange(driver, now_s + 3.0, *data), line, compass, {"rate": 7}, 12.0)
+    assert compass.health(15.0).text == ""
 
 
 def test_rate_is_set_again_after_a_power_cut_and_stored_only_once(make, line, exchange):
