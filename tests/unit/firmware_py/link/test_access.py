@@ -7,16 +7,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.access import Gate, Permission, make_reading_test
-from firmware_py.link.signing import Signing, timestamp_of
+from firmware_py.link.signing import Signing
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.urls import PLAIN, LinkClass, LinkOptions, parse_options
-from support.link import MemoryVault
+from support.link import KEY, NOW, MemoryVault, sign
 
 MAX_BURST_DENIALS = 20
 MAX_LATE_HEARTBEATS = 4
 
-KEY = bytes(range(100, 132))
-NOW = timestamp_of(1.7e9)
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
 DISARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -40,11 +38,6 @@ def linked(make_rig):
         return rig
 
     return make
-
-
-def sign(rig, key=KEY):
-    signing = rig.station.signing
-    signing.secret_key, signing.timestamp, signing.sign_outgoing = key, NOW, True
 
 
 def kinds_in_order(messages):

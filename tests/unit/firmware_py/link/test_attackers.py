@@ -4,17 +4,15 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
-from support.link import MemoryVault, without_unrequested
+from support.link import KEY, NOW, MemoryVault, sign, without_unrequested
 from support.paths import ROOT
 
 MAX_ACTIVE_PEERS = 8
 QUIET_S = 10.0
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
-KEY, ANOTHER_KEY, NO_KEY = bytes(range(100, 132)), bytes(32 * [9]), bytes(32)
-NOW = timestamp_of(1.7e9)
+ANOTHER_KEY, NO_KEY = bytes(32 * [9]), bytes(32)
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
@@ -52,11 +50,6 @@ TABLE = {
     "sends SETUP_SIGNING": (KEPT, KEPT, KEPT, KEPT, SET, KEPT),
     "imitates the heartbeats of the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES, FOUND_OUT),
 }
-
-
-def sign(rig, key=KEY):
-    signing = rig.station.signing
-    signing.secret_key, signing.timestamp, signing.sign_outgoing = key, NOW, True
 
 
 def what_it_brings(rig, *frames):

@@ -6,11 +6,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.link_status import PeerStatus
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.peers import Peer
-from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.outbox import UnsignedSealer
 from firmware_py.link.wire.urls import LinkClass, LinkOptions, parse_options
-from support.link import MemoryTransport, without_unrequested
+from support.link import KEY, NOW, MemoryTransport, sign, without_unrequested
 
 FORGET_S = 300.0
 MAX_ACTIVE_PEERS = 8
@@ -18,8 +17,6 @@ MAX_PENDING_PEERS = 16
 QUIET_S = 10.0
 UNPROVEN_AFTER_S = 10.0
 
-KEY = bytes(range(100, 132))
-NOW = timestamp_of(1.7e9)
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
@@ -41,11 +38,6 @@ def keyed(make_rig):
         return rig
 
     return make
-
-
-def sign(rig):
-    signing = rig.station.signing
-    signing.secret_key, signing.timestamp, signing.sign_outgoing = KEY, NOW, True
 
 
 def kinds(messages):
