@@ -91,9 +91,9 @@ def choice(name: str, default: int, choices: Mapping[int, str], text: str, *, re
 def count(name: str, text: str) -> Parameter:
     """Return a read-only row of a counter."""
     # The maximum is exact in single precision.
-    return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, None, reboot=False, read_only=True)
+    return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, read_only=True)
 
 
 def constant(name: str, value: int, meaning: str, text: str) -> Parameter:
     """Return a read-only row with one value."""
-    return Parameter(name, value, value, value, "", Kind.INTEGER, text, {value: meaning}, reboot=False, read_only=True)
+    return Parameter(name, value, value, value, "", Kind.INTEGER, text, {value: meaning}, read_only=True)

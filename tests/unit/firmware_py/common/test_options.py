@@ -89,7 +89,7 @@ def test_record_with_a_field_that_cannot_be_read_is_refused_before_it_has_a_valu
 def test_any_error_of_a_record_is_a_refusal_of_its_values():
     @dataclass(frozen=True, slots=True)
     class Hasty:
-        number: int = option("number", default=1)
+        number: int = option("number", default=1, minimum=0, maximum=9)
 
         def __post_init__(self):
             if self.number == 2:
@@ -97,6 +97,8 @@ def test_any_error_of_a_record_is_a_refusal_of_its_values():
             {1: 2}[self.number]
 
     assert record_from(Hasty, {"number": 1}) == Hasty(1)
+    with pytest.raises(ValueError, match=r"^number: 10 is out of range; allowed: 0 to 9$"):
+        record_from(Hasty, {"number": 10})
     with pytest.raises(ValueError, match=r"^2 is taken$"):
         record_from(Hasty, {"number": 2})
     with pytest.raises(ValueError, match=r"^options refused by the driver: KeyError: 3$"):

@@ -20,12 +20,18 @@ from firmware_py.common.parameter_row import (
 from firmware_py.common.parameter_table import TABLE
 from support.numbers import assert_mavlink_numbers
 
-LENGTH, NUMBER = real("LENGTH", 0.1, -0.7, 0.3, "m", "Length."), integer("NUMBER", 2, -3, 1_000_000, "", "Number.")
-SWITCH, FIXED, COUNTER = (
-    choice("SWITCH", 3, {0: "off", 3: "on"}, "Switch."),
-    constant("FIXED", 1, "all", "Constant."),
-    count("COUNTER", "Counter."),
-)
+
+def rows():
+    return {
+        row.name: row
+        for row in (
+            real("LENGTH", 0.1, -0.7, 0.3, "m", "Length."),
+            integer("NUMBER", 2, -3, 1_000_000, "", "Number."),
+            choice("SWITCH", 3, {0: "off", 3: "on"}, "Switch."),
+            constant("FIXED", 1, "all", "Constant."),
+            count("COUNTER", "Counter."),
+        )
+    }
 
 
 def test_types_are_those_of_mavlink():
@@ -33,29 +39,29 @@ def test_types_are_those_of_mavlink():
 
 
 @pytest.mark.parametrize(
-    ("row", "valid", "invalid", "reason"),
+    ("name", "valid", "invalid", "reason"),
     [
-        (LENGTH, (-0.7, 0.1, 0.3), (-0.71, 0.301), "out of range; allowed: -0.7 to 0.3 m"),
-        (NUMBER, (-3, 2, 1_000_000), (-4, 1_000_001), "out of range; allowed: -3 to 1e"),
-        (NUMBER, (), (0.5,), "0.5 is not a whole number; allowed: -3 to 1e"),
-        (SWITCH, (0, 3), (1, 2), r"is not one of its values; allowed: 0 \(off\), 3 \(on\)"),
-        (SWITCH, (), (-1, 4), "out of range"),
-        (FIXED, (1,), (0, 2), r"out of range; allowed: 1 \(all\)"),
-        (COUNTER, (0, 1_000_000), (-1, 1_000_001), "out of range"),
+        ("LENGTH", (-0.7, 0.1, 0.3), (-0.71, 0.301), "out of range; allowed: -0.7 to 0.3 m"),
+        ("NUMBER", (-3, 2, 1_000_000), (-4, 1_000_001), "out of range; allowed: -3 to 1e"),
+        ("NUMBER", (), (0.5,), "0.5 is not a whole number; allowed: -3 to 1e"),
+        ("SWITCH", (0, 3), (1, 2), r"is not one of its values; allowed: 0 \(off\), 3 \(on\)"),
+        ("SWITCH", (), (-1, 4), "out of range"),
+        ("FIXED", (1,), (0, 2), r"out of range; allowed: 1 \(all\)"),
+        ("COUNTER", (0, 1_000_000), (-1, 1_000_001), "out of range"),
     ],
 )
-def test_values_of_a_row(row, valid, invalid, reason):
+def test_values_of_a_row(name, valid, invalid, reason):
+    row = rows()[name]
     assert row.check(row.default) == row.default
     assert [row.check(value) for value in valid] == [to_single(value) for value in valid]
     for value in invalid:
-        with pytest.raises(ParameterError, match=f"^{row.name}: .*{reason}"):
+        with pytest.raises(ParameterError, match=f"^{name}: .*{reason}"):
             row.check(value)
 
 
 def test_rows_have_their_defaults_and_may_be_changed_unless_counted_or_constant():
-    rows = (LENGTH, NUMBER, SWITCH, FIXED, COUNTER)
-    assert [row.default for row in rows] == [to_single(0.1), 2, 3, 1, 0]
-    assert [(row.read_only, row.reboot) for row in rows] == [(False, False)] * 3 + [(True, False)] * 2
+    assert [row.default for row in rows().values()] == [to_single(0.1), 2, 3, 1, 0]
+    assert [(row.read_only, row.reboot) for row in rows().values()] == [(False, False)] * 3 + [(True, False)] * 2
     restarts = (
         real("A", 0.0, 0.0, 1.0, "", "", reboot=True),
         integer("B", 0, 0, 1, "", "", reboot=True),

@@ -23,6 +23,7 @@ def test_unknown_name_is_rejected_with_similar_names():
     with pytest.raises(ParameterError, match=r"CTL_K3.*CTL_K1"):
         ParameterSet().replaced("CTL_K3", 1.0)
     assert similar_names("ctl_k3") == ("CTL_K1", "CTL_K2", "CTL_HOLD_S")
+    assert similar_names("CTL_K") == ("CTL_K1", "CTL_K2", "CTL_HOLD_S")
     assert similar_names("LIMIT_DEG")[0] == "RUD_LIMIT_DEG"
     # The first 16 characters are compared.
     assert similar_names("ZZZZZZ_LIMIT_DEG") == similar_names("Z_LIMIT_DEG")

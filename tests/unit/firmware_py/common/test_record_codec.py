@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -121,6 +122,27 @@ def changed(*path_and_value):
         plain[last] = value
 
     return change
+
+
+def test_records_of_a_union_are_read_by_their_tags():
+    boat = Boat(target=Far((1.0, 2.0)))
+    assert decode(Boat, encode(boat, 1), 1) == (boat, ())
+
+
+class Fleet(msgspec.Struct, frozen=True):
+    by_name: Mapping[str, Near] = {}
+
+
+def test_unusable_value_in_a_mapping_is_ignored_with_the_mapping():
+    text = to_text(Fleet({"a": Near(1.0)}), 1)
+    fleet, notes = from_text(Fleet, text.replace("1.0", '"far"'), 1)
+    assert (fleet, notes) == (Fleet(), ("Fleet.by_name: Expected `float`, got `str`, ignored",))
+
+
+def test_record_is_prepared_before_it_is_read():
+    hooks = Hooks(prepare={Near: lambda plain, location: location.note(f"at {plain.pop('range_m')} m")})
+    text = to_text(Fleet({"a": Near(1.0)}), 1).replace('"colour"', '"range_m":5,"colour"')
+    assert from_text(Fleet, text, 1, hooks) == (Fleet({"a": Near(1.0)}), ("Fleet.by_name: at 5 m",))
 
 
 def test_missing_field_has_its_default_without_a_note():
@@ -323,6 +345,20 @@ def test_named_tuple_without_defaults_is_rejected():
     Odd.__annotations__["place"] = NamedTuple("Bare", [("x_m", float)]) | None
     with pytest.raises(TypeError, match="Bare: each field of a stored NamedTuple needs a default"):
         encode(Odd(), 1)
+
+
+@dataclass(frozen=True)
+class Plain:
+    x_m: float = 0.0
+
+
+class Other(msgspec.Struct):
+    place: Plain | None = None
+
+
+def test_dataclass_is_rejected():
+    with pytest.raises(TypeError, match=r"Plain is no msgspec\.Struct"):
+        encode(Other(), 1)
 
 
 def test_reason_is_printable_and_short():
