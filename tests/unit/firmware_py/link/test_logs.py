@@ -234,8 +234,7 @@ def test_four_stations_download_and_the_fifth_is_refused(disk, stored, of, texts
     for _ in range(40):
         rig.tick_silently()
         rig.endpoint.service(rig.now_s, [])
-        while rig.endpoint.busy:
-            rig.endpoint.service(rig.now_s, [])
+        rig.finish()
         everything, rig.transport.sent = rig.transport.sent, []
         for address, found in sent.items():
             rig.transport.sent = list(everything)

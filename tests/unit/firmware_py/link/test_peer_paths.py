@@ -57,8 +57,7 @@ class TwoWays:
                 *_, address, data = heapq.heappop(self.on_the_way)
                 self.rig.transport.inbox.append((address, data))
                 self.rig.endpoint.service(self.rig.now_s, [self.rig.transport.descriptor])
-                while self.rig.endpoint.busy:
-                    self.rig.endpoint.service(self.rig.now_s, [])
+                self.rig.finish()
             self.rig.tick_silently()
             replies += self.received()
         return replies

@@ -59,8 +59,7 @@ def net(make_rig):
         def give_silently(data, address):
             rig.transport.inbox.append((address, data))
             rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
-            while rig.endpoint.busy:
-                rig.endpoint.service(rig.now_s, [])
+            rig.finish()
 
         rig.give_silently = give_silently
         rig.tick()

@@ -21,8 +21,7 @@ def test_long_replies_to_two_peers_are_sent_in_turn(make_rig, of):
     wanted = mavlink.MAVLink_param_request_list_message(*SYSTEM_AND_COMPONENT)
     rig.transport.inbox += [("first", rig.frame(wanted)), ("second", rig.frame(wanted))]
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
-    while rig.endpoint.busy:
-        rig.endpoint.service(rig.now_s, [])
+    rig.finish()
     turns = [address for address, _ in rig.transport.sent]
     assert set(turns) == {"first", "second"}
     assert all(before != after for before, after in pairwise(turns[:8]))

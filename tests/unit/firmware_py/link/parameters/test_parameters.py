@@ -367,8 +367,7 @@ def test_two_stations_read_the_list_at_the_same_time(make_rig):
     for address in ("one", "two"):
         rig.transport.inbox.append((address, rig.frame(LIST)))
     rig.endpoint.service(rig.now_s, [100])
-    while rig.endpoint.busy:
-        rig.endpoint.service(rig.now_s, [])
+    rig.finish()
     sent = list(rig.transport.sent)
     for address in ("one", "two"):
         rig.transport.sent = list(sent)
@@ -381,7 +380,6 @@ def test_list_on_a_network_is_complete_before_the_next_tick_in_calls_of_8(rig, o
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     assert len(of(rig.replies(), reply)) == 8  # a call delays the tick
     count = 8
-    while rig.endpoint.busy:
-        rig.endpoint.service(rig.now_s, [])
-        count += len(of(rig.replies(), reply))
+    rig.finish()
+    count += len(of(rig.replies(), reply))
     assert count == len(TABLE)

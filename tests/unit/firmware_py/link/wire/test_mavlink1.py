@@ -34,8 +34,7 @@ class Mavlink1Station:
         """Send messages; return the replies in MAVLink 1."""
         self.rig.transport.inbox.append(("station", b"".join(message.pack(self.protocol) for message in messages)))
         self.rig.endpoint.service(self.rig.now_s, [self.rig.transport.descriptor])
-        while self.rig.endpoint.busy:
-            self.rig.endpoint.service(self.rig.now_s, [])
+        self.rig.finish()
         return self.receive()
 
     def receive(self):
