@@ -107,3 +107,11 @@ def test_rudder_passes_three_lags_of_4_s_before_it_turns_the_delayed_filter(age_
     assert result.log_ratio == pytest.approx(3.0 + ratio)
     assert abs(ratio) > 0.1
     assert delay_test.update(result, previous, previous, OCEAN_RAMBLER, 0.1, 1.0) is result
+
+
+def test_delayed_filter_that_is_not_valid_continues_from_the_other():
+    previous = heading_filter.begin(100.0, 1.0)._replace(levels=LEVELS, begun_s=0.0)
+    updated = heading_filter.update(previous, OCEAN_RAMBLER, 101.0, 1.01, 0.1)
+    test = DelayTest(previous.motion._replace(p00=math.nan), log_ratio=2.0)
+    result = delay_test.update(test, previous, updated, OCEAN_RAMBLER, 0.1, 1.01)
+    assert (result.motion, result.log_ratio) == (updated.motion, 2.0)

@@ -445,3 +445,14 @@ def test_window_changes_levels_within_step_limit_and_bounds():
         near = NoiseLevels(*(bound - 0.001 * sign for bound in bounds))
         result = heading_filter.scoring_step(near, zero, sums_of((900.0 * sign,) * LEVELS), 15.0, 100.0)
         assert result == pytest.approx(bounds, abs=1e-12)
+
+
+@pytest.mark.parametrize("changes", [{"p00": math.nan}, {"p22": -1.0}, {"yaw_rate_rad_s": math.inf}])
+def test_state_that_is_not_valid_restarts_the_filter(changes):
+    f = LEARNING_FILTER._replace(motion=LEARNING_FILTER.motion._replace(**changes))
+    assert repr(update(f, OCEAN_RAMBLER, 80.0, 2.0, 0.1)) == repr(begin(80.0, 2.0))
+
+
+def test_rate_changes_only_the_motion():
+    motion = LEARNING_FILTER.motion._replace(yaw_rate_rad_s=0.5)
+    assert repr(heading_filter.with_rate(LEARNING_FILTER, motion)) == repr(LEARNING_FILTER._replace(motion=motion))
