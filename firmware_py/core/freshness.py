@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import Enum, auto
 
 import msgspec
 
 from firmware_py.common.parameters import ParameterSet
 
 
-class Age(IntEnum):
+class Age(Enum):
     """Age of the last value of a kind."""
 
-    AWAITED = 0  # no value yet, and the time-out since the start has not passed
-    FRESH = 1
-    OLD = 2  # the time-out since the last value, or since the start, has passed
+    AWAITED = auto()  # no value yet, and the time-out since the start has not passed
+    FRESH = auto()
+    OLD = auto()  # the time-out since the last value, or since the start, has passed
 
 
 class FreshnessSettings(msgspec.Struct, frozen=True):

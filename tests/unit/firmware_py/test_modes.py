@@ -62,7 +62,7 @@ def test_start_state_follows_the_parameters():
 @pytest.mark.parametrize("mode", [Mode.STEERING, Mode.GUIDED])
 def test_mode_with_heading_goals_begins_with_the_present_heading(mode):
     state = accept(ModeState(goal=HeadingGoal(3.0)), SetMode(mode))
-    assert state.goal == HeadingGoal(1.0)
+    assert state.goal == HeadingGoal(1.0, over_ground=False)
     assert "heading" in refuse(ModeState(), SetMode(mode), Verdict.TEMPORARILY_REJECTED, NO_HEADING)
 
 

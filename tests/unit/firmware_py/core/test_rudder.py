@@ -62,7 +62,7 @@ def test_power_of_the_servo_is_voltage_times_current(voltage_v, current_a, power
 
 def test_time_of_the_last_restart_of_the_servo_is_kept():
     state = RudderState()
-    for t_s, restarts, restarted_s in ((1.0, 0, None), (2.0, 1, 2.0), (3.0, 1, 2.0), (4.0, 3, 4.0)):
+    for t_s, restarts, restarted_s in ((1.0, 1, 1.0), (2.0, 2, 2.0), (3.0, 2, 2.0), (4.0, 4, 4.0), (5.0, 0, 4.0)):
         feedback = RudderFeedback(t_s, 0.1, restarts=restarts)
         state, _ = update(SETTINGS, state, Inputs(Tick(0, t_s, 0.0, 0, 10.0), rudder=(feedback,)))
         assert (state.restarts, state.restarted_s) == (restarts, restarted_s)

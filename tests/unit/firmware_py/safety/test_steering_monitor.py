@@ -7,7 +7,7 @@ from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, rk4_step
 from firmware_py.safety.steering_loss import restart_after_gap
-from firmware_py.safety.steering_monitor import NO_BLOCK, SteeringInput, SteeringMonitorState, at_speed, update
+from firmware_py.safety.steering_monitor import NO_BLOCK, Block, SteeringInput, SteeringMonitorState, at_speed, update
 
 K, T = 0.049, 4.0
 MODEL = KtModel.of(ParameterSet())
@@ -206,6 +206,20 @@ def test_late_response_after_a_change_of_sides_is_no_evidence():
             boat.tick(side * 0.5, side, turn_ratio=-1.0 if tick < 100 else 0.5)
     assert not boat.state.loss.lost
     assert not boat.state.reversal.reversed
+
+
+@pytest.mark.parametrize(
+    ("rudder_rad", "error_rad", "is_learned"), [(0.1, 0.0, True), (0.5, 1.0, False), (0.5, math.nan, True)]
+)
+def test_trim_and_speed_are_learned_except_in_a_commanded_turn(rudder_rad, error_rad, is_learned):
+    block = Block(10.0, 1.0, 11.0, rudder_rad)  # the rudder is integrated up to 11 s
+    state = SteeringMonitorState(slow_rudder_rad=0.02, slow_speed_m_s=0.4, block=block)
+    inputs = SteeringInput(rudder_rad, 1.0, SD_RAD, 0.8, error_rad)
+    state = update(MODEL, False, state, inputs, 12.0)
+    gain = is_learned * (1.0 - math.exp(-2.0 / 60.0))
+    assert state.slow_rudder_rad == pytest.approx(0.02 + gain * (rudder_rad - 0.02))
+    assert state.slow_speed_m_s == pytest.approx(0.4 + gain * 0.4)
+    assert state.block[:4] == (12.0, 1.0, 12.0, 0.0)
 
 
 def test_trim_is_learned_in_a_minute_but_not_in_a_turn():
