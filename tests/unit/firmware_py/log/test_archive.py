@@ -63,8 +63,14 @@ def test_a_log_is_replaced_by_an_archive_that_gzip_reads(log):
 
 
 def test_a_block_is_written_in_any_number_of_pieces(log, monkeypatch):
-    pwrite = os.pwrite
-    monkeypatch.setattr(os, "pwrite", lambda descriptor, data, offset: pwrite(descriptor, data[:1000], offset))
+    pwrite, pieces = os.pwrite, []
+
+    def write_piece(descriptor, data, offset):
+        pieces.append(offset)
+        assert len(pieces) < 500, "the data are written again"
+        return pwrite(descriptor, data[:1000], offset)
+
+    monkeypatch.setattr(os, "pwrite", write_piece)
     finish(log)
     assert read_content(log.parent) == CONTENT
 

@@ -231,6 +231,20 @@ def test_rows_are_queued_up_to_a_limit_while_the_disk_is_missing(tmp_path):
     file.close()
 
 
+def test_rows_are_written_in_any_number_of_pieces(tmp_path, monkeypatch):
+    write, pieces = os.write, []
+
+    def write_piece(descriptor, data):
+        pieces.append(data)
+        assert len(pieces) < 900, "the rows are written again"
+        return write(descriptor, data[:9])
+
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "write", write_piece)
+        write_runs(tmp_path, "one", "two")
+    assert content(tmp_path) == {"00000001.BIN": HEAD + row("one") + row("two")}
+
+
 def test_a_full_disk_is_not_filled_with_empty_files(tmp_path, monkeypatch):
     def fail(*_arguments):
         raise OSError(28, "No space left on device")

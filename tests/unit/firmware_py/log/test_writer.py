@@ -21,7 +21,7 @@ class FakeDisk:
         self.files: dict[str, bytearray] = {}
         self.open: dict[int, str] = {}
         self.created = 0
-        self.capacity = self.free = 10**9
+        self.capacity, self.free = 20_000, 10**9
         self.create_error = self.sync_error = None
         self.sync_count = 0
         self.pruned = []
