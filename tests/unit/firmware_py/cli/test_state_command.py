@@ -123,9 +123,15 @@ def refused(old, tmp_path, capsys):
 def test_import_replaces_the_whole_state(exported, new, old, capsys):
     assert import_state(exported, old) == 0
     assert read_files(old) | {ENDINGS_FILE: None} == read_files(new) | {ENDINGS_FILE: None}
-    endings, _ = from_bytes(read_files(old)[ENDINGS_FILE])
+    exported_endings = read_files(old)[ENDINGS_FILE]
+    endings, _ = from_bytes(exported_endings)
     assert (endings.counts, endings.running) == ({"killed": 2}, False)  # the present run stays on the other computer
-    assert "signing.key        not in the file, unchanged" in capsys.readouterr().out
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first == "signing.key        not in the file, unchanged"
+    sizes = {"parameters.param": f"{len(NEW[PARAMETER_FILE])} bytes, instead of {len(OLD[PARAMETER_FILE])}"}
+    sizes[MISSION] = f"{len(NEW[MISSION])} bytes, instead of {len(OLD[MISSION])}"
+    sizes[ENDINGS_FILE] = f"{len(exported_endings)} bytes"
+    assert lines == [f"{name:<18} {sizes.get(name, 'nothing')}" for name in FILE_NAMES]
     assert not (old / PENDING_IMPORT).exists()
     fenced = make_state(old.parent / "fenced", OLD | {FENCE: NO_FENCE})
     assert import_state(exported, fenced) == 0
