@@ -192,8 +192,6 @@ class LogWriter:
         self._batches_in_file = 0
 
     def _write(self, chunk: list[bytes]) -> None:
-        if not chunk:
-            return
         if self._file is None:
             self.lost += len(chunk)
             return
