@@ -44,6 +44,7 @@ class FakeSignals:
     @property
     def is_stopping(self):
         self.polls -= 1
+        assert self.polls > -9, "it does not stop"
         return self.polls < 0
 
 
