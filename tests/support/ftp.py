@@ -14,6 +14,7 @@ class Reply:
 
     def __init__(self, message):
         self.to = (message.target_system, message.target_component)
+        assert message.target_network == 0
         payload = bytes(message.payload)
         fields = struct.unpack("<HBBBBBBI", payload[:12])
         self.sequence, self.session, self.opcode, self.size, self.query, self.last, padding, self.offset = fields

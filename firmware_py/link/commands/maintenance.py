@@ -162,10 +162,9 @@ def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
     if (denial := _check_mask(call)) is not None:
         return denial
     swing = context.request_handler.compass_swing
-    report = None if swing is None else swing.report
-    if swing is None or report is None or report.state is not CalibrationState.DONE:
-        percent = 0 if report is None else report.percent
-        return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {percent} % done")
+    report = swing.report
+    if report.state is not CalibrationState.DONE:
+        return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {report.percent} % done")
     values = {
         name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.estimated_rad, strict=True)
     }

@@ -43,7 +43,7 @@ def start_mission(context: LinkContext, call: CommandCall) -> Answer:
         return call.deny("there is no mission")
     index = _item_index(context, first)
     allowed_last = (0.0, float(_item_count(context) - 1 + first_item_number(context.autopilot, PlanKind.MISSION)))
-    if index is None or not within(last, 0, UINT16_MAX) or last not in allowed_last:
+    if index is None or last not in allowed_last:
         return call.deny(f"first item {first:g} or last item {last:g} is not valid")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
     # 0 is the current item. After the mode change, an item in range is not refused.

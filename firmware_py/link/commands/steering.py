@@ -201,8 +201,8 @@ class Setpoints:
     def _is_duplicate(self, message: Message, now_s: float) -> bool:
         """Return whether a relative goal is a duplicate, also by another link; otherwise store it."""
         key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
-        stored_frame, received_s = self._relative_goals.get(key, (b"", 0.0))
-        if frame == stored_frame and now_s - received_s < OVERTAKEN_S:
+        stored = self._relative_goals.get(key)
+        if stored is not None and stored[0] == frame and now_s - stored[1] < OVERTAKEN_S:
             return True
         keep_latest(self._relative_goals, key, (frame, now_s), _MAX_RELATIVE_GOALS)
         return False

@@ -63,9 +63,9 @@ class ReadingRequests:
         def page_data(entries: Any) -> bytes:
             return encode_listing(entries, start, with_time=with_time, max_bytes=DATA_BYTES)
 
-        listing, listed_s = self._listings.get(key, (None, 0.0))
-        if start and listing is not None and call.now_s - listed_s < _MAX_LISTING_AGE_S:
-            return page_data(listing)
+        listing = self._listings.get(key)
+        if start and listing is not None and call.now_s - listing[1] < _MAX_LISTING_AGE_S:
+            return page_data(listing[0])
         parts, _ = parse_path(call.request.data)
 
         def store_listing(entries: Any) -> bytes:
@@ -277,7 +277,7 @@ class WritingRequests:
 
     def _make_directory(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        if parts and len(parts) == 1 and parts[0] in self._tree.directory_names():
+        if len(parts) == 1 and parts[0] in self._tree.directory_names():
             raise Refusal(Error.FILE_EXISTS)
         area, area_parts = self._tree.find_area(parts, write=True)
         self._replies.finish_later(call, partial(area.make_directory, area_parts))

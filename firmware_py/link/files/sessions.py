@@ -266,9 +266,10 @@ class ReplySender:
 
     def find_stored(self, call: FileCall) -> bytes | None:
         """Return the stored reply to a repeated request; None for a new one."""
-        payload, reply_time_s = self._stored_replies.get((call.client, call.raw_payload), (None, 0.0))
-        if payload is None or call.now_s - reply_time_s > _MAX_REPLY_AGE_S:
+        stored = self._stored_replies.get((call.client, call.raw_payload))
+        if stored is None or call.now_s - stored[1] > _MAX_REPLY_AGE_S:
             return None
+        payload = stored[0]
         if call.request.opcode == Opcode.OPEN_READ and payload is not PENDING:
             # A restarted client may repeat sequence numbers: the reply is valid only while the session is open.
             return payload if self._sessions.get(call.client, call.request.session) is not None else None

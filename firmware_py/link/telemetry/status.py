@@ -248,7 +248,7 @@ def high_latency2(context: TelemetryContext) -> Message:
         timestamp=boot_ms(boat.t_s),
         type=mavlink.MAV_TYPE_SURFACE_BOAT,
         autopilot=context.autopilot,
-        custom_mode=to_integer(float(boat.mode), 0, UINT16_MAX, 0),
+        custom_mode=int(boat.mode),
         latitude=scaled_degrees(position.latitude_rad if position else None),
         longitude=scaled_degrees(position.longitude_rad if position else None),
         altitude=to_integer(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),

@@ -69,7 +69,7 @@ def test_parameters_are_also_read_from_their_own_file(write, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("[compass]", "[compas]", r"'compas' is not known; did you mean 'compass'"),
+        ("[compass]", "[compas]", r"'compas' is not known; did you mean 'compass'\?$"),
         ("[rudder]", "[hull2]", "is not known"),
         (
             'driver = "nmea"',

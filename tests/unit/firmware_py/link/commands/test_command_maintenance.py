@@ -86,7 +86,7 @@ def test_alignment_is_refused_for_invalid_values_or_state(rig, values, changes, 
 
 
 def test_storage_is_acknowledged_after_storing(rig, texts):
-    assert results(rig.command(245, 0)) == [ACCEPTED]
+    assert results(rig.command(245, 0)) == results(rig.command(245, 0, 1)) == [ACCEPTED]
     rig.request_handler.at_once = False
     assert results(rig.command(245, 1)) == []
     rig.request_handler.waiting.pop()(True)
@@ -107,7 +107,8 @@ def test_reset_of_the_parameters_takes_effect_at_the_next_start(rig, texts):
 
 
 @pytest.mark.parametrize(
-    ("values", "result"), [((3,), DENIED), ((math.nan,), DENIED), ((-1,), DENIED), ((0, 2), UNSUPPORTED)]
+    ("values", "result"),
+    [((3,), DENIED), ((math.nan,), DENIED), ((-1,), DENIED), ((0, 2), UNSUPPORTED), ((0, -2), UNSUPPORTED)],
 )
 def test_invalid_storage_values_are_refused(rig, values, result):
     assert results(rig.command(245, *values)) == [result]

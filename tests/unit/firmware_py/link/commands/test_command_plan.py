@@ -113,6 +113,15 @@ def test_invalid_item_is_refused(rig, values, result):
     assert rig.request_handler.intents == []
 
 
+def test_current_item_before_the_first_tick_is_the_first(make_rig):
+    rig = make_rig()
+    rig.request_handler.plans_kept = rig.request_handler.plans_kept.replaced(PLAN)
+    assert results(rig.command(224, -1)) == [ACCEPTED]
+    rig.tick(mission=MissionReport(MissionState.NOT_STARTED, None, 5))
+    assert results(rig.command(224, -1, 1)) == [ACCEPTED]
+    assert rig.request_handler.intents == [SetMissionItem(0), SetMissionItem(0, restart=True)]
+
+
 def test_first_item_of_a_generic_autopilot_has_number_zero(make_rig):
     rig = make_rig(identity=0)
     store_mission(rig)

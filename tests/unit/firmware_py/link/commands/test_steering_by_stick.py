@@ -75,7 +75,8 @@ def test_rc_channels_are_reported_while_an_override_is_in_force(rig, of):
     assert of(rig.ticks(20), "RC_CHANNELS") == []
     rig.tell(override(1600))
     published = of(rig.ticks(10), "RC_CHANNELS")
-    assert {(one.chancount, one.chan1_raw, one.chan2_raw) for one in published} == {(1, 1600, 65535)}
+    fields = [(one.chancount, one.chan1_raw, one.chan2_raw, one.chan18_raw, one.rssi) for one in published]
+    assert set(fields) == {(1, 1600, 65535, 65535, 255)}
     rig.tick(seconds=3.1)
     assert of(rig.ticks(10), "RC_CHANNELS") == []
     rig.tell(override(1600), override(0))

@@ -352,7 +352,11 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
     assert (uploads / "a.plan").read_bytes() == b"0123"
     assert client.ask(TRUNCATE, "uploads/a.plan", offset=400).error == (ERRNO, 22)
     assert client.ask(MKDIR, "uploads/d").ok
-    assert client.ask(MKDIR, "uploads/d").error == (EXISTS,)
+    assert client.ask(MKDIR, "uploads/d").error == client.ask(MKDIR, "logs").error == (EXISTS,)
+    (uploads / "link").symlink_to("nothing")
+    assert client.ask(RENAME, "uploads/a.plan\0uploads/link").error == (EXISTS,)
+    assert client.ask(RENAME, "uploads/link\0uploads/d/link").ok
+    (uploads / "d" / "link").unlink()
     assert client.ask(RENAME, "uploads/a.plan\0uploads/d/b.plan\0").ok
     assert client.list("uploads/d") == ["Fb.plan\t4"]
     assert client.ask(RENAME, "uploads/d/b.plan\0uploads/b.plan").ok
@@ -374,7 +378,7 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
         *((opcode, LOG) for opcode in (OPEN_WRITE, REMOVE, TRUNCATE)),
         *((REMOVE, path) for path in ("parameters.param", "/")),
         *((RENAME, paths) for paths in (f"{LOG}\0uploads/a", "uploads/a\0logs/a", "a\0uploads/a", "uploads/a\0a")),
-        *((MKDIR, path) for path in ("logs/d", "d")),
+        *((MKDIR, path) for path in ("logs/d", "d", "/")),
         *((RMDIR, path) for path in ("logs", "uploads")),
     ],
 )

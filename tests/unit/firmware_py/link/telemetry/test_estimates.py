@@ -64,6 +64,8 @@ def test_local_position_is_relative_to_home(request_message):
         fix = msgspec.structs.replace(FIX, **velocity)
         position = request_message(32, "LOCAL_POSITION_NED", position=fix, position_ok=True, home=HOME)
         assert (position.vx, position.vy) == (0.0, 0.0)
+    fix = msgspec.structs.replace(FIX, altitude_m=None)
+    assert request_message(32, "LOCAL_POSITION_NED", position=fix, position_ok=True, home=HOME).z == 0.0
     assert request_message(32, "LOCAL_POSITION_NED", position=FIX, position_ok=False, home=HOME) is None
     assert request_message(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True) is None
 

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
+from firmware_py.common.reports import Activity, Flow, Home, MissionReport, Navigation, Power
 from firmware_py.link.telemetry.fields import TelemetryContext, boot_ms, boot_us, to_float32
 from firmware_py.link.telemetry.table import TABLE
 
@@ -93,7 +93,9 @@ LIMITS = {
         "load": (1000, 0), "voltage_battery": (65534, 0), "current_battery": (32767, -32767),
         "battery_remaining": (100, 0), "errors_comm": (65535, 0), "errors_count1": (65535, 0),
     },
-    "BATTERY_STATUS": {"temperature": (32766, -32767), "current_battery": (32767, -32767)},
+    "BATTERY_STATUS": {
+        "temperature": (32766, -32767), "current_battery": (32767, -32767), "energy_consumed": (2_147_483_647, 0),
+    },
     "FENCE_STATUS": {"breach_count": (65535, 0)},
     "MISSION_CURRENT": {"seq": (65535, 0), "total": (65534, 0)},
     "HIGH_LATENCY2": {
@@ -112,7 +114,8 @@ def test_values_out_of_range_are_limited(snapshot, name):
         fix = PositionSample(0.0, FixType.FIX_3D, sign * 10.0, sign * 10.0, x, x, math.pi / 4, count, x)
         boat = replace(
             snapshot, t_s=x, position=fix, position_ok=True, home=Home(sign * 10.0, sign * 10.0, x), distance_m=x,
-            rudder_rad=x, rudder_command_rad=x, power=Power(x, -x, x, x, x, x), skipped_total=count,
+            rudder_rad=x, rudder_command_rad=x, skipped_total=count,
+            power=Power(x, -x, x, x, x, x, load=Flow(x, 60.0)),
             mission=MissionReport(index=count, count=count, identities=(0, 1, 0)),
         )  # fmt: skip
         if name == "GLOBAL_POSITION_INT":

@@ -110,6 +110,13 @@ def test_global_position_is_the_fix(build):
     assert position.hdg == round(math.degrees(1.0) * 100)
     assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, heading_ok=False).hdg == 65535
     assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=False) is None
+    assert build("GLOBAL_POSITION_INT", heading_rad=math.radians(359.998), position=FIX, position_ok=True).hdg == 0
+    incomplete = {"position": PositionSample(0.0, FixType.FIX_2D, 0.7, -0.2), "position_ok": True}
+    position = build("GLOBAL_POSITION_INT", **incomplete)
+    assert (position.alt, position.relative_alt, position.vx, position.vy) == (0, 0, 0, 0)
+    incomplete["position"] = msgspec.structs.replace(FIX, course_over_ground_rad=None)
+    position = build("GLOBAL_POSITION_INT", **incomplete)
+    assert (position.relative_alt, position.vx, position.vy) == (0, 50, 0)
 
 
 def test_dead_reckoning_is_sent_without_a_fix(build):
@@ -292,7 +299,7 @@ def test_fence_status_is_sent_with_a_fence_or_after_a_breach(build):
     fence = MissionReport(identities=(0, 7, 0))
     assert build("FENCE_STATUS") is None
     intact = build("FENCE_STATUS", mission=fence)
-    assert (intact.breach_status, intact.breach_count, intact.breach_type) == (0, 0, 0)
+    assert (intact.breach_status, intact.breach_count, intact.breach_type, intact.breach_time) == (0, 0, 0, 0)
     breached = build("FENCE_STATUS", mission=fence, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
     values = (breached.breach_status, breached.breach_count, breached.breach_type, breached.breach_time)
     assert values == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
@@ -304,7 +311,7 @@ def test_system_time_is_zero_for_an_implausible_clock(build):
     time = build("SYSTEM_TIME", t_s=5_000_000.0)
     assert time.time_unix_usec == 1_700_000_000_000_000
     assert time.time_boot_ms == 5_000_000_000 % 2**32
-    assert build("SYSTEM_TIME", utc_s=4.3e9).time_unix_usec == 0
+    assert build("SYSTEM_TIME", utc_s=4.3e9).time_unix_usec == build("SYSTEM_TIME", utc_s=-1.0).time_unix_usec == 0
 
 
 def test_lateness_and_servo_temperature_are_sent(build):
