@@ -16,8 +16,6 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
 from firmware_py.common.records import DeviceRole
 from firmware_py.common.vessels import (
-    MAX_CALL_SIGN_CHARACTERS,
-    MAX_NAME_CHARACTERS,
     STATUS_UNKNOWN,
     VesselIdentity,
     VesselKind,
@@ -132,8 +130,8 @@ def identity_of(mmsi: int, values: Values, texts: dict[str, str], now_s: float) 
     identity = VesselIdentity(
         t_s=now_s,
         mmsi=mmsi,
-        name=texts.get("name", "")[:MAX_NAME_CHARACTERS],
-        call_sign=texts.get("callsign", "")[:MAX_CALL_SIGN_CHARACTERS],
+        name=texts.get("name", ""),
+        call_sign=texts.get("callsign", ""),
         ship_type=int(values.get("type_of_ship") or 0),
         dimensions_m=None if mmsi // 10**7 == _AUXILIARY_CRAFT else _dimensions_m(values),
     )

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.angles import clamp, compass_degrees, wrap_pi, wrap_two_pi
+from firmware_py.common import angles
+from firmware_py.common.angles import clamp, compass_degrees, degrees, radians, wrap_pi, wrap_two_pi
 
 ANGLES = st.floats(-1e6, 1e6)
 
@@ -56,6 +57,12 @@ def test_rounding_does_not_give_a_full_turn():
         assert 0.0 <= compass_degrees(angle_rad) < 360.0
     # The sum in wrap_pi is rounded up to a full turn.
     assert wrap_pi(math.nextafter(-math.pi, -math.inf)) == -math.pi
+
+
+def test_units_are_converted():
+    assert pytest.approx(1852.0) == angles.METRES_PER_SECOND_PER_KNOT * 3600.0
+    assert pytest.approx(3600.0) == angles.KNOTS_PER_METRE_PER_SECOND * 1852.0
+    assert (radians(180.0), degrees(math.pi)) == pytest.approx((math.pi, 180.0))
 
 
 def test_compass_degrees_are_0_to_360():
