@@ -23,6 +23,8 @@ from firmware_py.faults.table import TABLE, Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.urls import parse_options
+from support.link import KEY, NOW, sign
 
 
 def test_first_heartbeat_is_sent_at_once_with_mode_initialising(make_rig, of):
@@ -243,6 +245,64 @@ def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
 def test_endpoint_implements_the_interface(rig):
     link: Link = rig.endpoint
     assert list(link.descriptors()) == [100]
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "signed", "counts"),
+    [
+        ("policy=auto", False, False, True),
+        ("policy=auto", True, False, False),
+        ("policy=open", True, False, False),
+        ("policy=open", True, True, True),
+        ("policy=signed-only", True, True, True),
+        ("trusted=1", True, False, True),
+    ],
+)
+def test_heartbeats_of_ground_stations_prevent_station_silent(make_rig, options, key, signed, counts):
+    rig = make_rig(options=parse_options(options), addresses=())
+    if key:
+        assert rig.endpoint._signing.set_key(KEY, NOW)
+    if signed:
+        sign(rig)
+    rig.prove()
+    assert (rig.endpoint.station_s is not None) is counts
+
+
+@pytest.mark.parametrize(
+    ("sender", "kind", "options", "key", "counts"),
+    [
+        ((255, 190), 6, "policy=auto", False, True),
+        ((255, 191), 6, "policy=auto", False, True),
+        ((1, 191), 6, "policy=auto", False, False),
+        ((1, 1), 6, "policy=auto", False, False),
+        ((1, 191), 6, "trusted=1", False, False),
+        ((1, 191), 6, "systems=255", False, False),
+        ((1, 191), 6, "policy=auto", True, False),
+        ((255, 190), 18, "policy=auto", False, False),
+        ((254, 190), 6, "systems=255", False, False),
+        ((254, 190), 6, "systems=254,255", False, True),
+        ((254, 190), 6, "policy=signed-commands", False, False),
+        ((254, 190), 6, "systems=255", True, False),
+    ],
+)
+def test_only_a_commanding_station_prevents_station_silent(make_rig, sender, kind, options, key, counts):
+    rig = make_rig(options=parse_options(options), addresses=())
+    if key:
+        assert rig.endpoint._signing.set_key(KEY, NOW)
+        sign(rig)
+    rig.station.srcSystem, rig.station.srcComponent = sender
+    beat = mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 0, 3)
+    rig.tell(beat)
+    rig.tell(beat)
+    assert (rig.endpoint.station_s is not None) is counts
+    assert any(peer.ground_station for link in rig.endpoint.status(rig.now_s) for peer in link.peers) is counts
+
+
+def test_reached_items_of_the_mission_are_reported(rig, of):
+    rig.tick()
+    (reached,) = of(rig.tick(mission=MissionReport(reached_items=(4,))), "MISSION_ITEM_REACHED")
+    assert reached.seq == 5
+    assert of(rig.tick(), "MISSION_ITEM_REACHED") == []
 
 
 # --------------------------------------------------------------------------- on real lines

@@ -381,57 +381,6 @@ def test_station_with_an_old_timestamp_gets_a_signed_heartbeat_on_a_connection(c
 # --------------------------------------------------------------------------- what else counts
 
 
-@pytest.mark.parametrize(
-    ("options", "key", "signed", "counts"),
-    [
-        ("policy=auto", False, False, True),
-        ("policy=auto", True, False, False),
-        ("policy=open", True, False, False),
-        ("policy=open", True, True, True),
-        ("policy=signed-only", True, True, True),
-        ("trusted=1", True, False, True),
-    ],
-)
-def test_heartbeats_of_ground_stations_prevent_station_silent(make_rig, options, key, signed, counts):
-    rig = make_rig(options=parse_options(options), addresses=())
-    if key:
-        assert rig.endpoint._signing.set_key(KEY, NOW)
-    if signed:
-        sign(rig)
-    rig.prove()
-    assert (rig.endpoint.station_s is not None) is counts
-
-
-@pytest.mark.parametrize(
-    ("sender", "kind", "options", "key", "counts"),
-    [
-        ((255, 190), 6, "policy=auto", False, True),
-        ((255, 191), 6, "policy=auto", False, True),
-        ((1, 191), 6, "policy=auto", False, False),
-        ((1, 1), 6, "policy=auto", False, False),
-        ((1, 191), 6, "trusted=1", False, False),
-        ((1, 191), 6, "systems=255", False, False),
-        ((1, 191), 6, "policy=auto", True, False),
-        ((255, 190), 18, "policy=auto", False, False),
-        ((254, 190), 6, "systems=255", False, False),
-        ((254, 190), 6, "systems=254,255", False, True),
-        ((254, 190), 6, "policy=signed-commands", False, False),
-        ((254, 190), 6, "systems=255", True, False),
-    ],
-)
-def test_only_a_commanding_station_prevents_station_silent(make_rig, sender, kind, options, key, counts):
-    rig = make_rig(options=parse_options(options), addresses=())
-    if key:
-        assert rig.endpoint._signing.set_key(KEY, NOW)
-        sign(rig)
-    rig.station.srcSystem, rig.station.srcComponent = sender
-    beat = mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 0, 3)
-    rig.tell(beat)
-    rig.tell(beat)
-    assert (rig.endpoint.station_s is not None) is counts
-    assert any(peer.ground_station for link in rig.endpoint.status(rig.now_s) for peer in link.peers) is counts
-
-
 @pytest.mark.parametrize("byte_rate", [None, 5760.0])
 def test_radio_status_is_accepted_on_a_line_only(keyed, byte_rate):
     rig = keyed("policy=signed-only", byte_rate=byte_rate)
