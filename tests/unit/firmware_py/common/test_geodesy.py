@@ -162,7 +162,9 @@ def test_track_agrees_with_the_formulas_of_spherical_trigonometry(start, end, he
 def test_course_of_a_track_is_that_at_the_nearest_point_of_the_line():
     start, end = Place(0.7, 0.2), Place(0.9, 1.1)
     assert track(start, end, start).course_rad == pytest.approx(start.distance_and_bearing(end)[1])
-    assert track(Place(0.0, 1.5), Place(0.0, 1.6), Place(0.0, math.pi / 2)).course_rad == pytest.approx(math.pi / 2)
+    for longitude_rad in (math.pi / 2, math.pi):
+        ends = (Place(0.0, longitude_rad - 0.1), Place(0.0, longitude_rad + 0.1))
+        assert track(*ends, Place(0.0, longitude_rad)).course_rad == pytest.approx(math.pi / 2)
     arrival_rad = end.distance_and_bearing(start)[1] - math.pi
     assert track(start, end, end).course_rad == pytest.approx(arrival_rad)
 

@@ -17,6 +17,9 @@ def test_set_is_immutable_and_compared_by_value():
     assert changed != base
     assert changed.replaced("CTL_K1", 40.0) == base
     assert hash(changed.replaced("CTL_K1", 40.0)) == hash(base)
+    assert changed.replaced("CTL_K1", 33.3) is changed  # who compares by identity sees no change
+    with pytest.raises(ParameterError, match="1 values for"):
+        ParameterSet([1.0])
 
 
 def test_unknown_name_is_rejected_with_similar_names():
