@@ -30,9 +30,7 @@ DISAGREEMENT_RAD: Final = radians(15.0)
 SMOOTHING_S: Final = 10.0
 MIN_STANDSTILL_S: Final = 1.5  # with a constant number
 STANDSTILL_RATIO: Final = 2.0  # limit of the time with a constant number, in multiples of the longest so far
-INITIAL_LONGEST_S: Final = 1.0
 LONGEST_MEMORY_S: Final = 600.0
-MAX_RESOLUTION_RAD: Final = radians(5.0)  # assumed until the number has changed
 MIN_RESOLUTION_STEPS: Final = 2.5  # a smaller turn may not change the number
 MIN_SWINGS, SWINGS_MEMORY_S = 3.0, 20.0  # of a boat in waves; in calm water it overshoots once or twice after a turn
 # Plateau: a compass has settled outside the gate, because a wave has turned the boat or the compass has jumped.
@@ -101,7 +99,7 @@ class CompassTurns(NamedTuple):
     resolve, with a fading memory. `farthest_rad`: largest number in the direction `rising` (1, -1; 0: none).
     """
 
-    resolution_rad: float = MAX_RESOLUTION_RAD
+    resolution_rad: float = radians(5.0)  # assumed until the number has changed
     apart_rad: float = math.nan
     swings: float = 0.0
     farthest_rad: float = math.nan
@@ -129,7 +127,7 @@ class CompassState(NamedTuple):
     sound_since_s: float = math.nan
     difference_rad: float = 0.0
     offset_rad: float = 0.0
-    longest_s: float = INITIAL_LONGEST_S
+    longest_s: float = 1.0
     contradicted: bool = False
     steady_rad: float = math.nan
     agreed: bool = False

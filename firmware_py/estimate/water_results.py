@@ -32,8 +32,6 @@ FIX_SD_M: Final = 5.0
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
 MAX_HEADING_SD_RAD: Final = 1.0  # of a heading from the track; beyond it the measurement is not linear
 MAX_SPEED_SDS: Final = 3.0  # largest difference of the speed on a stretch of track
-# Default covariance of a stored record without one: 0.3 m/s for current and speed, 0.1 m/s for the sideways speed.
-UNKNOWN_WATER: Final = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)
 
 
 class CurrentVerdict(NamedTuple):
@@ -62,7 +60,8 @@ class DeadReckoning(NamedTuple):
     current_east_m_s: float = 0.0
     speed_m_s: float = 0.0
     sideways_m_s: float = 0.0
-    covariance: Covariance = UNKNOWN_WATER
+    # For a stored record without one: 0.3 m/s for current and speed, 0.1 m/s for the sideways speed.
+    covariance: Covariance = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)
     walk_m2_s3: float = 0.0
     way_m2_s: float = 0.0
     cosine_s: float = 0.0

@@ -138,7 +138,7 @@ def test_record_with_an_incomplete_covariance_has_that_of_unknown_water():
         b"covariance\x9a" + number, b"covariance\x99"
     )
     state, notes = restore(at_sea(PositionState()), text, STORED_AT)
-    assert state.position.dead_reckoning.water.covariance == water_results.UNKNOWN_WATER
+    assert state.position.dead_reckoning.water.covariance == water_results.DeadReckoning().covariance
     assert len(notes) == 1
     assert "covariance" in notes[0]
 

@@ -17,7 +17,6 @@ from support.heading_recording import (
     BIASES,
     DIFFUSIONS_DEG2_S,
     UNDISTURBED_SEAS,
-    Recording,
     Sea,
     compare_filters,
     draw_recording,
@@ -195,28 +194,6 @@ def test_turn_not_explained_by_the_rudder_is_followed_within_seconds(rate_deg_s,
     estimates, _ = run_filter(sea, recording)
     error_rad = np.abs(wrap(estimates.states[:, 0] - recording.true_rad))
     assert error_rad[recording.t_s > max(1212.0, 1206.0 + 90.0 / rate_deg_s)].max() < radians(4.0)
-
-
-def select_rows(recording: Recording, rows) -> Recording:
-    """Return some rows of a recording, with the mean of the rudder angle over each gap."""
-    indices = np.flatnonzero(rows)
-    total = np.concatenate([[0.0], np.cumsum(recording.rudder_rad)])
-    ends = np.append(indices[1:], rows.size)
-    rudder_rad = (total[ends] - total[indices]) / (ends - indices)
-    return Recording(recording.t_s[indices], recording.compass_rad[indices], rudder_rad, recording.true_rad[indices])
-
-
-@pytest.mark.parametrize("is_rudder_known", [True, False])
-@pytest.mark.parametrize("gap_s", [5.0, 60.0])
-def test_innovation_after_a_gap_matches_its_standard_deviation(gap_s, is_rudder_known):
-    squares = []
-    for seed in range(1, 11):
-        recording = draw_recording(Sea(), seed, 600.0)
-        last_s = recording.t_s[-1]
-        rows = (recording.t_s < last_s - gap_s) | (recording.t_s == last_s)
-        _, f = run_filter(Sea(), select_rows(recording, rows), rudder_known=is_rudder_known)
-        squares.append((f.innovation_rad / f.innovation_sd_rad) ** 2)
-    assert (0.5 if is_rudder_known else 0.05) < np.mean(squares) < 2.0
 
 
 def update_all(f, samples):

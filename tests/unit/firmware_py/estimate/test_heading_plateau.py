@@ -8,18 +8,17 @@ import pytest
 from firmware_py.common.angles import radians
 from firmware_py.estimate.sources import SourceState, TrueHeadingSample, add_sample, needs_restart, select
 
-MAX_CONTRADICTION_S = 60.0
 PLATEAU_TIME_S = 2.0
 PROBATION_S = 10.0
 
 EXPECTED, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
 
 
-def restart_time_s(off_deg, *, has_course=False, has_other=False, interval_s=0.1, duration_s=70.0):
+def restart_time_s(off_deg, *, has_course=False, has_other=False):
     """Return the time when a compass with the error off_deg(t) restarts the estimate, or None."""
     state, rng = SourceState(), random.Random(5)
-    for tick in range(round((20.0 + duration_s) / interval_s)):
-        t_s = tick * interval_s - 20.0  # the first 20 s have no error
+    for tick in range(900):
+        t_s = 0.1 * tick - 20.0  # the first 20 s have no error
         off_rad = radians(off_deg(t_s)) if t_s > 0.0 else 0.0
         for source, error_rad in ((0, off_rad), *(((1, 0.0),) if has_other else ())):
             heading = (EXPECTED + error_rad + rng.gauss(0.0, 0.005)) % (2.0 * math.pi)
@@ -63,16 +62,3 @@ def test_compass_that_jumped_restarts_the_estimate_after_10_s_without_another_so
 )
 def test_headings_that_do_not_settle_do_not_restart_the_estimate(off_deg, course):
     assert restart_time_s(off_deg, has_course=course) is None
-
-
-def test_jumping_compass_restarts_the_estimate_after_a_minute_without_another_source():
-    jumps_deg = lambda t_s: 120.0 if round(10.0 * t_s) % 2 else -100.0  # noqa: E731
-    assert restart_time_s(jumps_deg) == pytest.approx(MAX_CONTRADICTION_S, abs=0.3)
-    assert restart_time_s(jumps_deg, has_course=True) is None
-
-
-def test_slow_compass_cannot_measure_a_fast_turn():
-    """At 1 Hz a step of 45 deg is a jump, one of 15 deg a possible turn."""
-    assert restart_time_s(turn_by_a_wave(90.0, 2.0), has_course=True, interval_s=1.0) is None
-    restart_s = restart_time_s(turn_by_a_wave(90.0, 6.0), has_course=True, interval_s=1.0)
-    assert restart_s == pytest.approx(6.0 + PLATEAU_TIME_S, abs=1.1)

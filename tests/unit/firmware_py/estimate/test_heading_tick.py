@@ -30,14 +30,13 @@ class Boat:
         self.resolution_rad = radians(resolution_deg)
         self.state, self.t_s, self.heading_rad, self.rate_rad_s = heading_tick.START, 0.0, 1.0, 0.0
         self.is_rudder_known, self.settings, self.speed_m_s = True, SETTINGS, OCEAN_RAMBLER.speed_m_s
-        self.current_m_s = 0.0
         self.sources, self.estimates_rad = [], []
 
     def compass_rad(self, source):
         return self.heading_rad + self.waves.angle_rad(0.0) if source == 0 else NO_HEADING
 
     def water(self):
-        return water.initial_state(self.current_m_s, 0.0, self.speed_m_s)._replace(fix_t_s=self.t_s)
+        return water.initial_state(0.0, 0.0, self.speed_m_s)._replace(fix_t_s=self.t_s)
 
     def samples(self):
         for source in (0, 1):
@@ -115,30 +114,6 @@ def test_constant_compass_on_a_straight_course_in_calm_water_is_not_contradicted
     boat = Boat(resolution_deg=resolution_deg, noise_deg=0.0).run(90.0)
     boat.compass_rad = constant_compass(boat)
     assert uses_compass(boat.run(10.0 * SETTINGS.frozen_s))
-
-
-@pytest.mark.parametrize(("over_ground_m_s", "is_contradicted"), [(0.02, False), (0.2, True)])
-def test_constant_compass_is_contradicted_by_the_rudder_unless_the_boat_may_be_moored(over_ground_m_s, is_contradicted):
-    boat = Boat(resolution_deg=1.0)
-    boat.heading_rad = 0.0
-    boat.run(90.0)
-    boat.compass_rad, boat.current_m_s = constant_compass(boat), over_ground_m_s - boat.speed_m_s
-    boat.run(60.0, radians(25.0))
-    assert uses_compass(boat) is not is_contradicted
-
-
-@pytest.mark.parametrize(("error_deg", "is_contradicted"), [(20.0, False), (90.0, True)])
-def test_compass_constant_for_30_s_is_contradicted_by_a_turn_of_the_track(error_deg, is_contradicted):
-    boat = Boat(noise_deg=0.0).run(5.0)
-    boat.compass_rad, course_rad = constant_compass(boat), boat.heading_rad + radians(error_deg)
-    for _ in range(200):
-        boat.tick(course=course_rad)
-    assert uses_compass(boat)
-    for _ in range(200):
-        boat.tick(course=course_rad)
-    assert uses_compass(boat) is not is_contradicted
-    if is_contradicted:
-        assert abs(wrap_pi(boat.estimates_rad[-1] - course_rad)) < radians(10.0)
 
 
 def test_compass_of_whole_degrees_may_be_constant_after_the_waves_have_ended():
@@ -246,17 +221,6 @@ def test_course_gives_the_heading_without_a_compass():
     assert boat.in_use == Source.COURSE
     assert boat.error_deg < 15.0
     assert boat.state.check.comparisons <= 3.0  # headings from the track are not compared
-
-
-def test_heading_follows_the_rudder_between_courses_without_a_compass():
-    boat = Boat().run(90.0)
-    boat.compass_rad, start_rad = (lambda _: NO_HEADING), boat.heading_rad
-    sd_rad = heading_tick.heading_sd(boat.run(20.0, radians(20.0)).state)
-    boat.run(20.0)
-    assert boat.in_use == Source.COURSE
-    assert abs(wrap_pi(boat.heading_rad - start_rad)) > radians(15.0)
-    assert boat.error_deg < 3.0
-    assert heading_tick.heading_sd(boat.state) > sd_rad
 
 
 # ---------------------------------------------------------------------------------- check and fallback

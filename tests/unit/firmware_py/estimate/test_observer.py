@@ -26,14 +26,6 @@ def test_first_sample_starts_the_observer():
     assert not state.is_fresh(2.1, SETTINGS.timeout_s)
 
 
-def test_declination_applies_to_magnetic_headings_only_and_the_offset_to_both():
-    settings = replace(SETTINGS, declination_rad=0.1, offset_rad=(0.01, 0.0))
-    true = correct(settings, HeadingState(), sample(0.0, 1.0), 0.0)
-    magnetic = correct(settings, HeadingState(), sample(0.0, 1.0, NorthReference.MAGNETIC), 0.0)
-    assert true.heading_rad == pytest.approx(1.01)
-    assert magnetic.heading_rad == pytest.approx(1.11)
-
-
 def test_observer_follows_a_noisy_turn_through_north_with_irregular_samples():
     rng, state = random.Random(2), HeadingState()
     heading_rad, rate_rad_s, t_s = 5.5, 0.0, 0.0

@@ -9,7 +9,7 @@ from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate import position, water_results
 from firmware_py.estimate.dead_reckoning import DeadReckoning
-from firmware_py.estimate.position import PositionState, accepted_jump_m, distance_from_estimate_m, predict, update
+from firmware_py.estimate.position import PositionState, accepted_jump_m, predict, update
 
 DEAD_RECKONING = DeadReckoning(water_results.DeadReckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10), 0.0)
 
@@ -38,16 +38,6 @@ def test_first_fix_sets_the_position_and_later_fixes_are_smoothed():
     assert north_m(state) == pytest.approx(0.0, abs=1e-6)
     state, _ = after_fixes(fix(0.0), fix(1.0, 10.0))
     assert north_m(state) == pytest.approx(10.0 * (1.0 - math.exp(-0.1)), abs=1e-6)
-
-
-def test_position_is_predicted_between_fixes_and_restarts_after_a_minute():
-    state, _ = after_fixes(fix(0.0))
-    assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
-    predicted = predict(state, 7200.0, (0.5, 0.0))
-    assert north_m(predicted) == pytest.approx(3600.0, abs=1e-3)
-    assert distance_from_estimate_m(predicted, fix(7200.0, 3000.0)) == pytest.approx(600.0, abs=1e-3)
-    restarted, _ = update(predicted, fix(7200.0, 3000.0), 60.0)
-    assert north_m(restarted) == pytest.approx(3000.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("gap_s", [30.0, 7200.0])

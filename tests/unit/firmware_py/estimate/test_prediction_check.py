@@ -79,16 +79,6 @@ def test_filter_with_too_small_diffusion_is_rejected_and_its_deviation_grows(fac
     assert prediction_check.sd_inflation(boat.check) > math.sqrt(ACCEPTANCE_LIMIT)
 
 
-def test_filter_that_is_consistent_again_is_accepted():
-    boat = Boat(2)
-    assert boat.sail(0.5) == 0.0
-    assert boat.sail(1.0, with_too_small_diffusion(100.0)) > 0.0
-    assert boat.check.is_rejected
-    boat.sail(0.5)
-    assert not boat.check.is_rejected
-    assert boat.sail(1.0) == 0.0
-
-
 @pytest.mark.parametrize(
     ("square", "before", "count", "was_rejected", "is_rejected"),
     [

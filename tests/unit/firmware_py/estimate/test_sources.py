@@ -62,13 +62,6 @@ class Compasses:
         return is_frozen(self.state.compasses[0], self.t_s, self.frozen_s, TIMEOUT_S)
 
 
-def test_first_compass_with_data_is_used_at_once():
-    compasses = Compasses()
-    assert compasses.run(0.1) is Source.COMPASS_A
-    assert compasses.texts == ["Heading source: compass A"]
-    assert len(compasses.used_rad) == 1
-
-
 def test_compass_a_replaces_compass_b_after_its_probation():
     compasses = Compasses()
     assert compasses.run(5.0, a=None, b=0.0) is Source.COMPASS_B
@@ -127,15 +120,6 @@ def test_course_is_used_when_no_compass_is_sound():
         "Heading lost: course over ground failed",
     ]
     assert compasses.run(0.2) is Source.COMPASS_A
-
-
-def test_course_alone_does_not_start_the_estimate():
-    assert Compasses().run(5.0, a=None, course_ok=True) is Source.NONE
-
-
-def test_constant_compass_is_not_frozen_with_cmp_frozen_s_0():
-    compasses = Compasses(frozen_s=0.0)
-    assert compasses.run(10.0 * FROZEN_S, a="frozen") is Source.COMPASS_A
 
 
 def test_compass_that_rarely_changes_its_number_is_not_frozen():
@@ -198,32 +182,6 @@ def test_constant_compass_is_frozen_while_the_other_turns(rate_deg_s):
     compasses.run(10.0, a="frozen", b=0.0)
     turn_compass_b(compasses, rate_deg_s, 60.0)
     assert compasses.is_frozen
-
-
-@pytest.mark.parametrize("off_deg", [5.0, 90.0, 170.0])
-def test_other_compass_with_an_error_or_a_jump_does_not_contradict_a_constant_compass(off_deg):
-    compasses = Compasses()
-    compasses.run(10.0, a="frozen", b=0.0)
-    assert compasses.run(3.0 * FROZEN_S, a="frozen", b=radians(off_deg)) is Source.COMPASS_A
-    assert not compasses.is_frozen
-
-
-@pytest.mark.parametrize(
-    ("period_s", "steps", "is_frozen_later"), [(0.6, 3.5, True), (0.6, 2.5, False), (30.0, 20.0, False)]
-)
-def test_compass_that_oscillated_and_is_constant_is_frozen(period_s, steps, is_frozen_later):
-    """Small reversals, and rare ones as of a boat that turns, do not count."""
-    compasses, step_rad = Compasses(), radians(0.5)
-    for tick in range(600):
-        turn_rad = step_rad * round(0.5 * steps * math.sin(2.0 * math.pi * tick / (10.0 * period_s)) + 0.25)
-        compasses.state = add_sample(
-            compasses.state, TrueHeadingSample(0.1 * tick, 1.0 + turn_rad, 1.0 + turn_rad, 0), 1.0
-        )
-    compasses.t_s = 60.0
-    compasses.run(FROZEN_S - 1.0, a="frozen")
-    assert not compasses.is_frozen
-    compasses.run(2.0, a="frozen")
-    assert compasses.is_frozen is is_frozen_later
 
 
 @pytest.mark.parametrize(

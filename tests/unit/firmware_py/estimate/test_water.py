@@ -20,7 +20,7 @@ class Passage:
     def __init__(self, speed_m_s, north_m_s, east_m_s, seed=1, leeway_deg=0.0, fix_s=STEP_S, longitude_rad=2.0):
         self.speed_m_s, self.current, self.leeway_rad = speed_m_s, (north_m_s, east_m_s), math.radians(leeway_deg)
         self.rng, self.fix_s, self.longitude_rad = random.Random(seed), fix_s, longitude_rad
-        self.t_s = self.north_m = self.east_m = self.deviation_m_s = self.jump_m = 0.0
+        self.t_s = self.north_m = self.east_m = self.deviation_m_s = 0.0
         self.state = water.START
         self.track_headings = []  # time, error and standard deviation of the headings from the track
 
@@ -39,7 +39,7 @@ class Passage:
         return water.estimate_at(self.state, self.t_s)
 
     def fix(self, heading_rad):
-        north_m, east_m = (m + self.jump_m + self.rng.gauss(0.0, 0.3) for m in (self.north_m, self.east_m))
+        north_m, east_m = (m + self.rng.gauss(0.0, 0.3) for m in (self.north_m, self.east_m))
         latitude_rad = 0.6 + north_m / EARTH_RADIUS_M
         longitude_rad = wrap_pi(self.longitude_rad + east_m / (EARTH_RADIUS_M * math.cos(0.6)))
         self.state, course_rad, sd_rad = water.take_position(self.state, self.t_s, latitude_rad, longitude_rad)
@@ -75,19 +75,6 @@ def test_turns_separate_leeway_and_current():
     way_rad = math.radians(45.0 + 8.0)
     expected = (0.1 + 0.7 * math.cos(way_rad), -0.2 + 0.7 * math.sin(way_rad))
     assert water.over_ground_m_s(passage.state, math.radians(45.0)) == pytest.approx(expected, abs=0.06)
-
-
-def test_short_jump_is_ignored_and_changed_current_is_followed():
-    passage = Passage(0.5, 0.0, 0.0)
-    at_first = passage.sail_square()
-    passage.jump_m = 60.0
-    after_jump = passage.sail(310.0, 20.0)
-    passage.jump_m = 0.0
-    assert after_jump.mean_speed_m_s == pytest.approx(at_first.mean_speed_m_s, abs=0.03)
-    passage.current = (-0.4, 0.3)
-    for _ in range(3):
-        estimate = passage.sail_square(400.0)
-    assert passage.errors(estimate) == pytest.approx((0.0, 0.0, 0.0), abs=0.08)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.7, 0.9])
