@@ -163,6 +163,10 @@ def test_absent_parts_have_their_defaults():
         (change("geoFence", polygon=[]), "geoFence: key 'polygon' is not known"),
         (QGC | {"geoFence": {}}, "geoFence: it has neither polygons nor circles"),
         (QGC | {"geoFence": {"version": 2, "breachReturn": [1, 2]}}, "geoFence: it has neither"),
+        *(
+            (change("geoFence", breachReturn=place), f"geoFence: expected [latitude, longitude], found {place}")
+            for place in ([1], [1, 2, 3, 4])
+        ),
         (change("rallyPoints", version=1), "rallyPoints: version 1 is not supported, only 2"),
         (QGC | {"rallyPoints": {"version": 2, "Points": []}}, "rallyPoints: key 'Points' is not known"),
         (QGC | {"rallyPoints": {"version": 2}}, "rallyPoints: points: expected a list"),

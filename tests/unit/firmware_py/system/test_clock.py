@@ -144,6 +144,7 @@ def lockstep(tmp_path):
         connection = server.accept()[0]
         assert json.loads(connection.recv(4096)) == {"protocol": 2, "lines": ["/a", "/b"]}
         connection.sendall(json.dumps({"start_s": 3.0, "utc_s": 1000.0}).encode())
+        connection.settimeout(10.0)
         connections.append(connection)
 
     thread = threading.Thread(target=accept)

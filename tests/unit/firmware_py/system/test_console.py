@@ -18,6 +18,7 @@ def output(monkeypatch):
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
     monkeypatch.setattr(console, "STANDARD_ERROR", writer)
+    os.set_blocking(reader, False)
     yield reader
     os.close(reader)
     os.close(writer)
@@ -26,6 +27,7 @@ def output(monkeypatch):
 def read(descriptor, count):
     data = b""
     while len(data) < count:
+        assert select.select([descriptor], [], [], 10.0)[0]
         data += os.read(descriptor, count - len(data))
     return data
 
@@ -75,10 +77,17 @@ def pending(descriptor):
     return int.from_bytes(count, "little")
 
 
-def test_output_that_another_program_has_set_to_non_blocking_gets_all_bytes(output):
+def test_output_that_another_program_has_set_to_non_blocking_gets_all_bytes_without_busy_waiting(output, monkeypatch):
     os.set_blocking(console.STANDARD_ERROR, False)
+    write, calls = os.write, []
+    monkeypatch.setattr(os, "write", lambda *values: calls.append(values) or write(*values))
     lines = Console()
     text = "y" * (3 * PIPE_BYTES)
     lines.line(text)
+    while pending(output) < PIPE_BYTES:
+        os.sched_yield()
+    for _ in range(1000):
+        os.sched_yield()
     assert read(output, len(text) + 1).decode() == f"{text}\n"
     lines.close()
+    assert len(calls) < 100

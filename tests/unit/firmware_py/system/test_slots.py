@@ -129,4 +129,9 @@ def test_failed_write_closes_the_slots_and_the_next_one_opens_them_again(tmp_pat
             os.fstat(descriptor)
     writer.write("a", b"three")
     assert any(b"three" in path.read_bytes() for path in tmp_path.iterdir())
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "pwrite", lambda *_arguments: 0)
+        with pytest.raises(OSError, match="No space left"):
+            writer.write("b", b"one")
+    assert not (tmp_path / "b.0").exists()  # the next start would report an empty file as damaged
     writer.close()

@@ -234,6 +234,14 @@ def test_a_status_of_an_untrusted_user_is_refused(memory, state, tmp_path):
 
 
 @needs_root
+def test_status_of_root_is_trusted_in_any_directory(state, tmp_path):
+    tmp_path.chmod(0o1777)
+    (tmp_path / file_name(state)).write_bytes(content(state))
+    give_away(state)
+    assert find_status(state, NOW_S, (tmp_path,)).freshness is Freshness.RUNNING
+
+
+@needs_root
 @pytest.mark.parametrize(("mode", "is_refused"), [(0o755, False), (0o775, True), (0o1777, True)])
 def test_the_owner_of_a_directory_is_trusted_if_others_cannot_write_to_it(state, tmp_path, mode, is_refused):
     directory = tmp_path / "directory"
