@@ -135,7 +135,7 @@ def test_mode_that_cannot_be_set_is_a_fault_and_no_goal_is_sent(rig, servo):
     assert len(servo.writes) == 1 + 4
     servo.ignored_addresses.clear()
     rig.ticks(25, shaft_deg=10.0)
-    assert rig.health().state is DeviceState.RUNNING
+    assert (rig.health().state, rig.health().text) == (DeviceState.RUNNING, "model 777, firmware 3.10")
     assert servo.position == counts(10.0)
 
 

@@ -134,7 +134,9 @@ def test_frames_of_other_devices_are_not_used(line, exchange, options, request_t
     assert exchange(compass, 0.31, angles(identifier=0x68, address="00")) == [bytes.fromhex(request_text)]
     assert compass.health(0.31).text == "compass 68 with address 0: not that of the vehicle file"
     assert exchange(compass, 0.35, answer) != []  # the declination
-    assert compass.health(0.35).state is DeviceState.STARTING
+    assert (compass.health(0.35).state, compass.health(0.35).text) == (
+        DeviceState.STARTING, "connected, no heading yet",
+    )  # fmt: skip
 
 
 def test_set_declination_makes_the_headings_true(compass, exchange, near):

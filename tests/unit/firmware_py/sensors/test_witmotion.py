@@ -89,6 +89,11 @@ def test_axes_of_the_sensor(compass, exchange, sensor_deg, boat_deg):
     assert (sample.t_s, sample.reference, sample.variation_rad) == (0.2, NorthReference.MAGNETIC, None)
 
 
+def test_text_until_the_first_angle(compass, exchange):
+    exchange(compass, 0.2, FIELD)
+    assert compass.health(0.2).text == "connected, no heading yet"
+
+
 def test_health_before_the_first_bytes(make, line):
     health = WitmotionCompass(line, WitmotionOptions()).health(0.0)
     assert (health.state, health.accepted) == (DeviceState.STARTING, 0)
