@@ -180,7 +180,6 @@ class RionCompass:
         self._unrequested = 0
         self._unrequested_s = now_s
         self._due_s = now_s + LISTEN_S  # time of the next request
-        self._sent_s = now_s
 
     def _continue_requests(self, now_s: float) -> None:
         """Send the next request when it is due."""
