@@ -185,10 +185,11 @@ def test_alert_and_code_of_the_error_byte():
     assert not frames.StatusPacket(1, 4, b"").alert
 
 
-def test_clear_discards_an_incomplete_packet(fakes):
+@pytest.mark.parametrize("size", range(4, 10))
+def test_clear_discards_an_incomplete_packet(fakes, size):
     packet = fakes.status_frame(1, 0, b"abc")
     parser = frames.StatusParser()
-    parser.feed(packet[:9])
-    assert parser.pending == 9
+    parser.feed(packet[:size])
+    assert parser.pending == size
     parser.clear()
-    assert parser.feed(packet[9:]) == []
+    assert parser.feed(packet[size:]) == []
