@@ -94,14 +94,14 @@ def test_arrival_at_one_item_does_not_end_the_next():
 
 
 @pytest.mark.parametrize(
-    "state", [{}, {"arrived": True, "has_position": False}, {"arrived": True, "spread_m": 101.0}], ids=str
+    "state", [{}, {"arrived": True, "has_position": False}, {"arrived": True, "spread_m": 100.1}], ids=str
 )
 def test_hold_time_starts_at_a_certain_arrival(state):
     runner = MissionRunner(waypoint(A, seconds=10.0), waypoint(B))
     runner.step()
     assert runner.steps_with(50, **state).place == A
     assert runner.progress.elapsed_s == 0.0
-    assert runner.steps_with(9, arrived=True, spread_m=99.0).place == A
+    assert runner.steps_with(9, arrived=True, spread_m=100.0).place == A
     assert runner.step(arrived=True).place == B
 
 
@@ -116,7 +116,7 @@ def test_items_after_a_distance_condition_are_executed_on_the_way():
     assert (runner.progress.index, runner.fence) == (3, True)
 
 
-@pytest.mark.parametrize(("spread_m", "index"), [(121.0, 0), (119.0, 1)])
+@pytest.mark.parametrize(("spread_m", "index"), [(120.1, 0), (120.0, 1)])
 def test_distance_condition_needs_a_smaller_position_error(spread_m, index):
     near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=120.0)
     runner = MissionRunner(near, waypoint(A), place=A.at_offset(0.0, 100.0))

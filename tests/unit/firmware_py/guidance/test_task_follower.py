@@ -43,7 +43,7 @@ def follower(origin, task_settings):
     return Follower()
 
 
-@pytest.mark.parametrize(("spread_m", "has_arrived"), [(0.0, True), (19.0, True), (21.0, False), (900.0, False)])
+@pytest.mark.parametrize(("spread_m", "has_arrived"), [(0.0, True), (20.0, True), (20.1, False), (900.0, False)])
 def test_place_is_reached_only_with_a_certain_position(follower, spread_m, has_arrived):
     assert follower.at(FAR_M - 15.0, spread_m).state.arrived is has_arrived
     assert follower.status.activity is Activity.STATION
@@ -69,8 +69,8 @@ def test_waypoint_is_not_passed_by_dead_reckoning_alone(follower):
 
 
 def test_boat_with_a_too_uncertain_position_waits_for_a_fix(follower):
-    assert follower.at(1000.0, 499.0).status.activity is Activity.LINE
-    assert follower.at(1100.0, 501.0).texts == [TEXTS["on the way"]]
+    assert follower.at(1000.0, 500.0).status.activity is Activity.LINE
+    assert follower.at(1100.0, 500.1).texts == [TEXTS["on the way"]]
     for north_m, spread_m in ((1150.0, 600.0), (1080.0, 450.0), (1250.0, 700.0)):
         assert follower.at(north_m, spread_m).texts == []
         assert (follower.status.activity, follower.state.arrived) == (Activity.STATION, False)
@@ -83,11 +83,12 @@ def test_boat_with_a_too_uncertain_position_waits_for_a_fix(follower):
 
 def test_station_keeping_and_orbits_continue_with_an_uncertain_position(follower, origin):
     station, circle = HoldStation(origin, 100.0), Orbit(origin, 200.0, clockwise=True)
-    follower.at(50.0, 5000.0, task=station)
+    follower.at(50.0, 100.1, task=station)
     assert (follower.status.activity, follower.state.arrived, follower.texts) == (Activity.STATION, False, [])
-    follower.at(200.0, 5000.0, task=circle)
+    assert follower.at(50.0, 100.0, task=station).state.arrived
+    follower.at(200.0, 200.1, task=circle)
     assert (follower.status.activity, follower.state.arrived, follower.texts) == (Activity.CIRCLE, False, [])
-    assert follower.at(200.0, 199.0, task=circle).state.arrived
+    assert follower.at(200.0, 200.0, task=circle).state.arrived
 
 
 @pytest.mark.parametrize(("distance_m", "is_counted"), [(29.9, False), (30.1, True), (89.9, True), (90.1, False)])
@@ -119,7 +120,7 @@ def test_heading_needs_no_position_and_another_task_waits_for_one(origin, task_s
 
 def test_turns_are_counted_only_with_a_certain_position(follower, origin):
     circle = Orbit(origin, 200.0, clockwise=True)
-    for spread_m, is_counted in ((5000.0, False), (50.0, True)):
+    for spread_m, is_counted in ((200.1, False), (200.0, True)):
         follower.state = TaskFollowerState(circle)
         for bearing_rad in (0.0, 0.5, 1.0):
             place = origin.at_offset(200.0 * math.cos(bearing_rad), 200.0 * math.sin(bearing_rad))

@@ -238,6 +238,12 @@ def test_several_near_vessels_are_reported_in_order_of_approach():
     assert [text[:14] for text in update(state, 5.0)[1]] == ["MMSI 000000002"]
 
 
+def test_vessel_at_its_closest_approach_is_reported_first():
+    """The other one is at its closest approach in half a second."""
+    _, texts = update(TrafficState(), 0.0, position(1, 0.0, 2.5, 300.0), position(2, 0.0, -300.0, 0.0))
+    assert [text[:14] for text in texts] == ["MMSI 000000002"]
+
+
 def test_reported_vessel_stays_in_a_full_table():
     state, _ = update(TrafficState(), 0.0, position(1, 0.0, 400.0, 0.0, 0.6, 0.0))
     assert state.near
