@@ -31,8 +31,9 @@ class Run:
 
 def test_run_is_young_for_its_first_minute_and_ends_regularly():
     run = Run()
-    for now_s in (64.75, 65.0, 66.0):
+    for now_s, saved in ((64.75, 1), (65.0, 2), (66.0, 2)):
         run.parts.after_tick(None, now_s)
+        assert len(run.saved) == saved
     run.supervision.end(restart=False)
     assert {name for name, _ in run.saved} == {"endings.record"}
     assert run.states == [(True, True, False), (True, False, False), (False, False, False)]
