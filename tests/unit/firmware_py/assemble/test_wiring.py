@@ -4,6 +4,7 @@ import argparse
 import os
 import platform
 import select
+import socket
 import threading
 from pathlib import Path
 
@@ -134,6 +135,19 @@ def test_lockstep_has_the_time_of_the_laboratory_and_a_status_on_request(
     parts.after_tick(Output(RudderCommand(0.0, True), SNAPSHOT, ()), 1.0)
     assert find_status(tmp_path / "state", machine_s()).freshness is freshness
     assembly.close()
+
+
+def test_nmea_output_gets_each_tick(vehicle, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(30.0)
+        url = f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}?sentences=HDT"
+        assembly = assemble(vehicle, Options(tmp_path / "state", (url,), wait=True))
+        assembly.parts.after_tick(Output(RudderCommand(0.0, True), SNAPSHOT, ()), 1.0)
+        content = find_status(tmp_path / "state", machine_s()).content
+        assembly.close()
+        assert listener.recv(2000) == b"$HCHDT,57.3,T*18\r\n"
+    assert [link["url"] for link in content["links"]] == [url]
 
 
 def test_close_ends_all_threads(vehicle, tmp_path):

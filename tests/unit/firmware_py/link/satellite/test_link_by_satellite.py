@@ -13,6 +13,7 @@ from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.satellite.messages import Kind
+from firmware_py.link.satellite.record import from_bytes
 from support.link import MemoryVault
 from support.satellite import KEY, SatelliteBoat, set_mode
 
@@ -130,6 +131,7 @@ def test_six_texts_are_sent_at_once_then_two_per_hour_and_equal_ones_once_per_ho
 
 
 def test_command_is_executed_and_acknowledged(boat):
+    assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0] == []
     boat.run(60)
     boat.delivered()
     boat.network.send(boat.keyed(set_mode(15)))
@@ -213,6 +215,14 @@ def test_older_messages_are_refused_after_loss_of_the_record(content, damage, re
     assert boat.intents == [SetMode(4)]
     reports = [event.text for event in boat.events if event.text.startswith("Satellite record")]
     assert [text.startswith(report) for text in reports] == [True] * bool(report)
+
+
+def test_loss_of_the_record_before_2015_is_no_error(monkeypatch):
+    monkeypatch.setattr("support.satellite.START_UTC_S", 1e9)
+    vault = MemoryVault()
+    vault.damage = "satellite.state.0 is damaged"
+    SatelliteBoat(vault=vault)
+    assert from_bytes(vault.contents[-1])[0].window.floor == 0
 
 
 def test_message_is_executed_after_its_number_is_stored(boat):

@@ -47,6 +47,8 @@ def test_other_values_of_a_report_are_no_event():
     [
         (mavlink.MAVLink_high_latency2_message(**REPORT), 50),  # MAVLink 1, which has a fixed length
         (mavlink.MAVLink_high_latency2_message(**REPORT | {"custom2": 0, "custom1": 0, "custom0": 1}), 50),
+        (mavlink.MAVLink_high_latency2_message(**REPORT | {"custom2": 0, "climb_rate": 1}), 50),
+        (mavlink.MAVLink_high_latency2_message(**REPORT | {"custom2": 0, "temperature_air": 1}), 49),
         (mavlink.MAVLink_command_ack_message(512, 3), 11),
         (mavlink.MAVLink_command_ack_message(512, 0), 11),
         (mavlink.MAVLink_statustext_message(4, b"x" * 37), 50),
@@ -60,6 +62,8 @@ def test_frame_has_its_shortest_form(message, size):
     """Fifty bytes cost one credit."""
     short = shorten(message.pack(STATION))
     assert len(short) == size
+    is_mavlink1 = message.get_type() in ("COMMAND_ACK", "HIGH_LATENCY2") and size != 49
+    assert short[0] == (0xFE if is_mavlink1 else 0xFD)
     (decoded,) = mavlink.MAVLink(None).parse_buffer(short)
     expected = message.to_dict()
     if "text" in expected:

@@ -247,6 +247,7 @@ def test_waits_after_failures_increase(status, later_s):
     draws = random.Random(3)
     first_s = [draws.uniform(0.0, max_s) for max_s in (5.0, 5.0, 30.0, 30.0)]
     expected_s = [*first_s, *(mean_s * draws.uniform(0.8, 1.2) for mean_s in later_s)]
+    assert next(at_s for at_s, name in modem.commands if name in SESSION) < 0.5
     waits_s = [interval_s - 10.0 for interval_s in modem.intervals_s(*SESSION)]
     if status == 36:
         expected_s = [max(wait_s, 180.0) for wait_s in expected_s]
@@ -309,6 +310,7 @@ def test_mailbox_is_checked_at_its_interval(values, count, charged):
     modem.run(43_190, step_s=10.0)
     assert modem.calls == []
     modem.run(60)
+    assert (43_200.0, SIGNAL) in modem.commands
     counts = modem.driver.counts
     assert (counts.sessions, counts.failed, counts.sent, counts.sent_bytes, counts.received) == (1, 0, 0, 0, count)
     assert (len(modem.driver.received), modem.driver.ledger.total) == (count, charged)
@@ -354,3 +356,27 @@ def test_silent_modem_is_reported_after_a_minute():
     modem.is_silent = False
     modem.run(60)
     assert [event.severity for event in modem.events] == [Severity.WARNING, Severity.NOTICE]
+
+
+def test_first_session_of_a_day_has_all_credits():
+    modem = ScriptedModem()
+    modem.driver.ledger = Ledger(day=20000, month=657, day_used=50, month_used=60, total=70)
+    ledger = modem.run(5).driver.ledger
+    assert (ledger.day_used, ledger.month_used, ledger.total) == (0, 0, 70)
+    assert queue_report(modem).run(30).driver.ledger.day_used == 1
+    modem.driver.update(modem.now_s, 1.79e9 + 86_400.0)
+    assert modem.driver.ledger.day_used == 0
+
+
+@pytest.mark.parametrize(
+    ("used", "size", "calls", "reports"),
+    [(44, 50, 1, 0), (44, 51, 0, 0), (45, 50, 0, 1), (49, 50, 0, 1), (49, 0, 1, 0)],
+)
+def test_last_credit_of_a_priority_is_used(used, size, calls, reports):
+    modem = ScriptedModem()
+    modem.driver.ledger = Ledger(day=20717, month=680, day_used=used, month_used=used, total=used)
+    if size:
+        modem.driver.queue.offer(Kind.REPORT, bytes(size))
+    else:
+        modem.send(b"\r\nSBDRING\r\n")
+    assert (len(modem.run(30).calls), len(modem.events)) == (calls, reports)
