@@ -54,7 +54,13 @@ def test_damaged_text_is_rejected():
     text = to_text(Plan.of(PlanKind.MISSION, (HERE,)))
     items = json.loads(text)["plan"]["items"]
     other_items = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
-    changes = [(items, other_items), (items, items[:-4]), (items, "!" + items[1:]), ('"kind":0', '"kind":3')]
+    changes = [
+        (items, other_items),
+        (items, items[:-4]),
+        (items, "!" + items[1:]),
+        (items, "!" + items),
+        ('"kind":0', '"kind":3'),
+    ]
     identity = f'"identity":{json.loads(text)["plan"]["identity"]}'
     changes += [(identity, identity + ".0"), ('"kind":0', '"kind":0.0'), ('"kind":0', '"kind":false')]
     changes += [('"kind":0', '"kind":null'), ('"kind":0,', ""), ('"kind":0', '"kind":' + "[" * 100_000), (text, "")]

@@ -231,8 +231,12 @@ def test_incomplete_records_and_early_texts_are_rejected():
     for end in range(len(data)):
         with pytest.raises(ValueError, match="not an encoded record"):
             decode(Boat, data[:end], 1)
-    with pytest.raises(ValueError, match="written as text by an early development version"):
-        decode(Boat, b'{"version":6,"name":"Ada","$":"Boat"}', 7)
+    early = '{"version":6,"name":"Ada","$":"Boat"}'
+    for read_early in (lambda: decode(Boat, early.encode(), 7), lambda: from_text(Boat, early, 7)):
+        with pytest.raises(ValueError, match="written as text by an early development version"):
+            read_early()
+    with pytest.raises(ValueError, match="nested too deeply"):
+        from_text(Boat, '{"a":' + "[" * 100_000, 1)
 
 
 def test_outermost_record_may_have_another_tag():
