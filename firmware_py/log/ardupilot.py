@@ -15,7 +15,7 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, PositionSample, Severity
 from firmware_py.log import ardupilot_formats
-from firmware_py.log.dataflash import TEXT_BYTES, MessageType
+from firmware_py.log.dataflash import MessageType
 from firmware_py.log.message_rows import microseconds
 
 GPS: Final = MessageType(
@@ -75,10 +75,9 @@ def encode_parameters(t_s: float, values: ParameterSet) -> bytes:
 
 
 def encode_texts(t_s: float, events: Iterable[Event]) -> bytes:
-    """Return the messages of texts to the operator, each truncated to TEXT_BYTES."""
+    """Return the messages of texts to the operator, each truncated to the 64 bytes of its column."""
     return b"".join(
-        MSG.pack(microseconds(t_s), event.text.encode("utf-8", "replace")[:TEXT_BYTES], event.severity)
-        for event in events
+        MSG.pack(microseconds(t_s), event.text.encode("utf-8", "replace"), event.severity) for event in events
     )
 
 

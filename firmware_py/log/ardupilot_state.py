@@ -174,7 +174,7 @@ def encode_version(t_s: float, software: str) -> bytes:
     commit = re.search(r"\(git ([0-9a-f]{1,8})", software)
     major, minor, patch = (min(int(text), 0xFF) for text in numbers.groups()) if numbers else (0, 0, 0)
     git_hash = int(commit[1], 16) if commit else 0
-    return VERSION.pack(microseconds(t_s), 0, major, minor, patch, 0, git_hash, software.encode()[:64], _ROVER)
+    return VERSION.pack(microseconds(t_s), 0, major, minor, patch, 0, git_hash, software.encode(), _ROVER)
 
 
 def _encode_fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
@@ -192,7 +192,7 @@ def _encode_fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
         above_m = 0.0 if boat.home is None else altitude_m - _finite_or_zero(boat.home.altitude_m)
         parts.append(POSITION.pack(time_us, *_scale_position(position), altitude_m, above_m, above_m))
     parts.append(_encode_estimate(boat, None if fix is None else fix[0], time_us, roll_deg, pitch_deg))
-    deflection = _finite_or_zero(boat.rudder_command_rad) / max(limit_rad, 1e-3)
+    deflection = _finite_or_zero(boat.rudder_command_rad) / limit_rad
     parts.append(OUTPUTS.pack(time_us, _pulse_us(deflection), *(0,) * (CHANNELS - 1)))
     speed_m_s, rudder_deg = _water_speed(boat), _degrees_or_nan(boat.rudder_command_rad)
     turn_rad_s = math.nan if boat.yaw_rate_rad_s is None else _single_or_nan(boat.yaw_rate_rad_s)

@@ -129,8 +129,7 @@ class Feed:
         plans_before = self._plans
         if reading.freshness is Freshness.RUNNING:
             if time_s is None:
-                self._detect_new_voyage(status)
-                time_s = status["written_machine_s"] - (self._begin_s or 0.0)
+                time_s = status["written_machine_s"] - self._detect_new_voyage(status)
             marks = tuple(self._new_marks(status, time_s))
             self._update_plans(status)
         # A stale status adds no values; the harness may still add its own.
@@ -158,12 +157,16 @@ class Feed:
             now["begin_utc_s"] = status["utc_s"] - status["written_machine_s"] + (self._begin_s or 0.0)
         return self._history.add(columns if current or self._harness_values else {}, marks, now)
 
-    def _detect_new_voyage(self, status: Status) -> None:
-        """Start a new voyage at the first status and after a restart of the computer, which resets the machine time."""
-        written_s = status["written_machine_s"]
+    def _detect_new_voyage(self, status: Status) -> float:
+        """Start a new voyage at the first status and after a restart of the computer, which resets the machine time.
+
+        Return the machine time at the begin of the voyage.
+        """
+        written_s: float = status["written_machine_s"]
         if self._begin_s is None or written_s < self._begin_s:
             self._begin_s = written_s
             self._history.restart()
+        return self._begin_s
 
     def _new_marks(self, status: Status, time_s: float) -> list[Mark]:
         marks = []

@@ -86,9 +86,17 @@ def test_scale_of_the_encoder_may_be_wrong_by_a_tenth(scale, rounded, reached_de
     assert (values["scale"], values["reached_deg"]) == (rounded, [reached_deg] * 2)
 
 
-def test_high_current_counts_as_a_stop():
-    proposed, values, _ = measure(SimulatedBench(heavy_deg=20.0))
-    assert (values["stopped"], proposed["RUD_LIMIT_DEG"]) == ([True, True], 16.0)
+@pytest.mark.parametrize(
+    ("max_a", "has_stop", "limit_deg"), [(0.5, True, 16.0), (8.9, True, 16.0), (9.0, False, 30.0), (0.0, False, 30.0)]
+)
+def test_high_current_counts_as_a_stop(max_a, has_stop, limit_deg):
+    proposed, values, _ = measure(SimulatedBench(heavy_deg=20.0), RUD_AMP_MAX=max_a)
+    assert (values["stopped"], proposed["RUD_LIMIT_DEG"]) == ([has_stop] * 2, limit_deg)
+
+
+@pytest.mark.parametrize(("limit_deg", "reached_deg"), [(29.5, 34.0), (30.0, 36.0), (56.0, 60.0)])
+def test_rudder_is_moved_up_to_six_degrees_beyond_its_limit(limit_deg, reached_deg):
+    assert measure(SimulatedBench(), RUD_LIMIT_DEG=limit_deg)[1]["reached_deg"] == [reached_deg] * 2
 
 
 def test_centre_is_proposed_only_with_amidships():
@@ -266,7 +274,7 @@ def test_rudder_is_measured_with_the_stored_parameters_and_released(monkeypatch,
     store.close()
     line = SimpleNamespace(close=lambda: calls.append("close"))
     device = BenchDevice("rudder", "volz", "/dev/x", servo, line=line)
-    servo.command = lambda command, _now_s: calls.append(command.torque_on)
+    servo.command = lambda command, _now_s: calls.append(command)
 
     def measure(_bench, parameters, *, amidships, can_ask):
         calls.append((parameters["RUD_LIMIT_DEG"], amidships, can_ask))
@@ -277,7 +285,11 @@ def test_rudder_is_measured_with_the_stored_parameters_and_released(monkeypatch,
     monkeypatch.setattr(calibrate_rudder, "measure_rudder", measure)
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(["calibrate", "rudder", vehicle, "--state", str(tmp_path / "state"), "--json"]) == 1
-    assert (calls[0], set(calls[1:-1]), calls[-1]) == ((25.0, False, False), {False}, "close")
+    assert (calls[0], set(calls[1:-1]), calls[-1]) == (
+        (25.0, False, False),
+        {RudderCommand(0.0, torque_on=False)},
+        "close",
+    )
     assert json.loads(capsys.readouterr().out) == {"ready": True}
 
 

@@ -16,6 +16,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.cli.export import mcap_file, table
 from firmware_py.cli.export.messages import Message, read_messages
+from firmware_py.log.ardupilot import MSG
 from firmware_py.log.dataflash import MessageType, header
 from firmware_py.log.schema import TYPES
 from hil.__main__ import main as hil_main
@@ -174,6 +175,16 @@ def leaves(node):
     assert node["direction"] in {"row", "column"}
     assert 0 < node["splitPercentage"] < 100
     return leaves(node["first"]) + leaves(node["second"])
+
+
+def test_messages_of_an_undated_log_have_the_time_of_the_process(tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    (tmp_path / "a.BIN").write_bytes(header((MSG,), 0) + MSG.pack(2_500_000, b"x", 6))
+    assert main(["export", str(tmp_path / "a.BIN"), "--to", "mcap", "--out", str(tmp_path / "a.mcap")]) == 0
+    with (tmp_path / "a.mcap").open("rb") as file:
+        rows = list(reader.make_reader(file).iter_messages())
+    times_ns = {channel.topic: message.log_time for _, channel, message in rows}
+    assert times_ns["/MSG"] == times_ns["/log"] == 2_500_000_000
 
 
 def test_integers_of_a_log_are_scaled():

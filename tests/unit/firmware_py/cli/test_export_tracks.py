@@ -13,7 +13,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import FixType, Inputs, PositionSample, Tick
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.ardupilot_plans import encode_plan
-from firmware_py.log.dataflash import header
+from firmware_py.log.dataflash import MessageType, header
 
 
 def points(*longitudes_deg):
@@ -64,6 +64,11 @@ def test_fixes_and_the_last_plans_of_a_log_are_read():
     ]  # fmt: skip
     assert [item["Radius"] for item in tracks.fence] == [50.0]
     assert tracks.offset_s == 1.7e9
+
+
+def test_fix_of_a_version_without_altitude_is_at_sea_level():
+    fix = MessageType(200, "FIX", "TimeUS,T,LatR,LngR", "Qddd", "ssrr", "F000")
+    assert read_tracks(header((fix,), 0) + fix.pack(0, 5.0, 0.0, 0.0)).points == [Point(5.0, 0.0, 0.0, 0.0)]
 
 
 TRACKS = Tracks(

@@ -116,6 +116,7 @@ def test_failed_start_is_delayed_under_a_service_manager(signals, monkeypatch, c
 
     def sleep(seconds):
         now_s[0] += seconds
+        assert seconds == 0.1
         assert now_s[0] < 120.0, "it does not end"
 
     monkeypatch.setattr(command, "time", SimpleNamespace(monotonic=lambda: now_s[0], sleep=sleep))

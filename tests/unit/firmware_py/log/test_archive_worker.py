@@ -115,6 +115,16 @@ def test_a_box_is_made_32_s_after_a_severe_fault_and_once_in_600_s(worker):
     assert boxes == [("00000003.BIN", "0", 0.0), ("00000003.BIN", "600", 600.0)]
 
 
+def test_the_last_four_severe_faults_have_boxes_if_the_disk_is_slow(worker):
+    for number in range(6):
+        worker.note_tick(600.0 * number, is_severe=True)
+    worker.note_tick(9999.0, is_severe=False)
+    for _ in range(5):
+        worker.work(0)
+        worker._box_job = None
+    assert [job[2] for job in worker.jobs if len(job) == 3] == [1200.0, 1800.0, 2400.0, 3000.0]
+
+
 def test_a_failed_log_is_tried_again_after_60_turns_and_the_others_first(worker):
     worker.errors = [ValueError(), OSError(28, "No space"), RuntimeError("broken")]
     failures = []

@@ -17,6 +17,7 @@ from firmware_py.common.records import FixType, PositionSample, RudderCommand
 from firmware_py.common.reports import Home, Navigation, Output, Power, Water
 from firmware_py.faults.fault import Fault
 from firmware_py.log import ardupilot_formats
+from firmware_py.log.ardupilot_formats import VERSION
 from firmware_py.log.ardupilot_state import ArduPilotState, encode_version
 from firmware_py.log.dataflash import Format
 from support.full_log import ESTIMATE, inputs_of, snapshot_of, write_log
@@ -89,7 +90,7 @@ def test_values_of_a_tick_have_the_units_of_ardupilot():
     place = (401070457, -114591559)
     messages = all_messages(
         ArduPilotState(), 200, log_all=True, dropped=3, skipped_total=7, late_s=0.02, faults=0b1,
-        home=Home(0.6999, -0.2001, 1.0), estimate=msgspec.structs.replace(ESTIMATE, innovation_square=1.44),
+        home=Home(0.6999, -0.2001, 1.0), estimate=msgspec.structs.replace(ESTIMATE, innovation_square=0.64),
         water=Water(0.4, 0.1, 0.2, -0.1, 0.1, leeway_rad=0.05),
     )  # fmt: skip
     east_m = 637.10088 * math.cos(0.69995)
@@ -106,7 +107,7 @@ def test_values_of_a_tick_have_the_units_of_ardupilot():
         ("NTUN", (40.0, 68.75494, 114.59156, 57.29578, 1.5)),
         ("RCIN", (0, *NO_CHANNELS)),
         ("STAT", (1, 1.0, 1, 0)), ("THR", (0.0, 0.0, 0.5, 0.4)), ("ARSP", (0, 0.4)),
-        ("XKF4", (0, 0.0, 0.0, 0.0, 1.2, 0.0, 19, 0, 0)),
+        ("XKF4", (0, 0.0, 0.0, 0.0, 0.8, 0.0, 19, 0, 0)),
         ("AHR2", (5.72958, -11.45916, 57.29578, 3.0, *place)),
         ("BAT", (0, 12.9, 12.9, 0.5, 0.0138889, 15.0, 80.0)),
         ("BAT", (1, 12.0, 12.0, 0.2, 0.00555556, 31.0, NAN)),
@@ -142,6 +143,11 @@ def test_unknown_and_impossible_values_are_nan_or_zero():
         ("BAT", (0, NAN, NAN, -0.5, 0.0, NAN, NAN)),
         ("PM", (0, 100, 4_000_000_000, 0)),
     ])  # fmt: skip
+
+
+def test_a_tick_lasts_at_most_ten_seconds():
+    messages = dict(all_messages(ArduPilotState(), 0, log_all=True, rate_hz=0.05, late_s=0.0, servo=None))
+    assert (messages["PM"][2], messages["BAT"][4]) == (10_000_000, pytest.approx(1.388889, rel=1e-4))
 
 
 def test_faults_have_the_numbers_of_subsystems_of_ardupilot():
@@ -257,6 +263,17 @@ def test_pymavlinks_tools_read_the_log(tool, pattern, log, tmp_path):
     assert "bad" not in result.stdout
 
 
-@pytest.mark.parametrize("software", ["rambler", "", "rambler 999.0.0 (git zzz)"])
-def test_a_version_without_numbers_is_written(software):
-    assert encode_version(1.0, software)
+@pytest.mark.parametrize(
+    ("software", "numbers"),
+    [
+        ("rambler", (0, 0, 0, 0)),
+        ("", (0, 0, 0, 0)),
+        ("rambler 256.255.1 (git zzz)", (255, 255, 1, 0)),
+        ("rambler 1.2.3 (git 0123abcd9)" + "x" * 99, (1, 2, 3, 0x0123ABCD)),
+    ],
+)
+def test_numbers_of_a_version_are_limited_or_0(software, numbers):
+    layout = Format(VERSION.number, VERSION.size, VERSION.name, VERSION.values, VERSION.labels)
+    values = dict(zip(layout.labels, layout.unpack(encode_version(1.0, software), 0), strict=True))
+    assert tuple(values[name] for name in ("Maj", "Min", "Pat", "GH")) == numbers
+    assert values["FWS"] == software.encode()[:64].ljust(64, b"\0")

@@ -74,6 +74,7 @@ def test_powers_are_summed_where_they_are_measured():
         (Sum(7200.0, 3600.0), Sum(3600.0, 3600.0), None, ((2.0, 1.0, False), (1.0, 1.0, False), (1.0, 1.0, False))),
         (Sum(3600.0, 1800.0), Sum(3600.0, 3600.0), None, ((2.0, 0.5, True), (1.0, 1.0, False), (1.0, 0.5, True))),
         (Sum(7200.0, 3600.0), Sum(1800.0, 1800.0), None, ((2.0, 1.0, False), (1.0, 0.5, True), (1.0, 0.5, True))),
+        (Sum(1.0, 0.5), Sum(), None, ((2.0, 0.5 / 3600.0, True), None, None)),
         (Sum(), Sum(3600.0, 3600.0), 4.0, ((5.0, 0.0, True), (1.0, 1.0, False), (4.0, 0.0, True))),
         (Sum(), Sum(), 4.0, ((4.0, 0.0, True), None, None)),
         (Sum(), Sum(3600.0, 3600.0), None, (None, (1.0, 1.0, False), None)),

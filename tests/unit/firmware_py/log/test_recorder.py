@@ -282,6 +282,12 @@ def test_a_tick_that_does_not_fit_the_format_is_dropped_and_the_next_has_a_check
     recorder.offer(Inputs(inputs.tick, rudder=(bits,)), output, lambda: "not used")
     recorder.offer(Inputs(inputs.tick, headings=(angle,)), output, lambda: "checkpoint")
     assert recorder.health(1.0).state is DeviceState.FAULTY
+
+    def fail():
+        raise ValueError("x" * 200)
+
+    recorder.offer(inputs, output, fail)
+    assert recorder.health(1.0).text == f"log: a tick cannot be written: {'x' * 200}"[:100]
     fake.run_ticks(recorder, range(2, 4), state)
     recorder.close()
     ticks = read_ticks(tmp_path)
@@ -290,4 +296,4 @@ def test_a_tick_that_does_not_fit_the_format_is_dropped_and_the_next_has_a_check
     assert sum(record.name == "THR" for record, _ in Parser(data)) == 2  # all values in ticks 0 and 2
     assert [tick.gap for tick in ticks] == [False, False, True, False]
     assert fake.state_from(ticks[2].checkpoint) == state
-    assert (recorder.health(1.0).rejected, recorder.health(1.0).state) == (2, DeviceState.RUNNING)
+    assert (recorder.health(1.0).rejected, recorder.health(1.0).state) == (3, DeviceState.RUNNING)

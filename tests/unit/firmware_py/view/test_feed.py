@@ -145,6 +145,11 @@ def test_stale_status_adds_no_row(rig):
     assert rig.poll()["now"]["freshness"] == "absent"
 
 
+def test_stale_status_at_the_start_has_the_time_of_its_computer(rig):
+    rig.reading = StatusReading(Freshness.STALE, rig.reading.content, 9.0, "process 7 has ended")
+    assert rig.poll()["now"]["begin_utc_s"] == 1.8e9 - 100.0
+
+
 def test_restarted_computer_begins_another_voyage(rig):
     rig.advance(50.0)
     rig.poll()

@@ -107,6 +107,12 @@ def test_token_file_must_be_private_and_valid(tmp_path):
     for token in (TOKEN, "x" * 256):
         path.write_text(token + "\n")
         assert read_token(path) == token
+    path.write_text(token + " " * (4096 - 256))
+    assert read_token(path) == token
+    path.write_text(token + " " * (4097 - 256))
+    with pytest.raises(ViewError, match="large"):
+        read_token(path)
+    path.write_text(token)
     for mode in (0o601, 0o602, 0o604):
         path.chmod(mode)
         with pytest.raises(ViewError, match="chmod 600"):

@@ -23,6 +23,8 @@ def test_history_returns_updates_and_all_data():
     assert update["marks"] == [[0.5, 4, "GPS position lost"]]
     assert read_all(history)["rows"] == update["rows"]
     assert read_all(history)["now"] == {"title": "boat"}
+    history.add({"time_s": 1.1}, [], {})
+    assert [row[0] for row in read_all(history)["rows"]] == [1.0, 1.1]
 
 
 def test_number_of_rows_is_limited_over_the_whole_voyage():
