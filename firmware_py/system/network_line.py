@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from abc import ABC, abstractmethod
 from contextlib import suppress
 
 from firmware_py.system.serial_port import MAX_READ_BYTES, REOPEN_INTERVAL_S, PortError
@@ -14,7 +15,7 @@ DEFAULT_HOST = "127.0.0.1"
 _KEEPALIVE_IDLE_S, _KEEPALIVE_INTERVAL_S, _KEEPALIVE_PROBES, _SYN_RETRIES = 10, 5, 3, 3  # times out after 25 s
 
 
-class NetworkLine:
+class NetworkLine(ABC):
     """Base class of the lines; `open` creates the socket or raises PortError with the remedy."""
 
     name_format = ""  # described in errors
@@ -44,13 +45,13 @@ class NetworkLine:
             raise PortError(f"port {self.name}: write {self.name_format}")
         return host, int(port)
 
+    @abstractmethod
     def open(self) -> None:
         """Open the socket."""
-        raise NotImplementedError
 
+    @abstractmethod
     def read(self) -> bytes:
         """Return the pending bytes, at most about MAX_READ_BYTES; close a line that has failed."""
-        raise NotImplementedError
 
     def reopen(self, now_s: float) -> str:
         """Try to open a missing socket, at most once a second; return an empty report."""

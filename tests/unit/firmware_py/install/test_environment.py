@@ -57,6 +57,20 @@ def test_program_that_hangs_is_ended_after_twenty_minutes(monkeypatch):
         environment._run(["pip"], 0)
 
 
+def test_python_without_venv_has_a_remedy(tmp_path, monkeypatch):
+    monkeypatch.setattr(environment.importlib.util, "find_spec", lambda _name: None)
+    with pytest.raises(UpdateError, match="apt-get install python3-venv"):
+        environment.create(Environment(tmp_path), tmp_path, None, 0)
+
+
+def test_environment_that_is_partly_removed_is_not_complete(tmp_path, monkeypatch):
+    (tmp_path / "bundle.json").touch()
+    monkeypatch.setattr(environment.shutil, "rmtree", lambda _path: pytest.fail("killed"))
+    with pytest.raises(pytest.fail.Exception):
+        environment._remove(tmp_path)
+    assert not (tmp_path / "bundle.json").exists()
+
+
 def test_work_directory_is_empty_and_private(tmp_path):
     for _ in range(2):
         folder = create_work_directory(Environment(tmp_path / "rambler"))

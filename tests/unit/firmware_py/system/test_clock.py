@@ -96,6 +96,7 @@ def test_without_arrivals_the_interval_is_the_period():
 def test_the_rate_can_change():
     timer = TickTimer(0.0, 10.0)
     timer.set_rate(50.0)
+    assert timer.rate_hz == 50.0
     timer.advance(0.0)
     assert timer.deadline_s == pytest.approx(0.02)
 
