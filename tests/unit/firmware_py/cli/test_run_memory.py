@@ -1,9 +1,14 @@
 """Memory of `rambler run`: OpenSSL and the texts of pymavlink are not loaded; pymavlink is imported before numpy."""
 
 import ctypes
+import mmap
+import resource
 import subprocess
 import sys
+from contextlib import nullcontext
 from types import SimpleNamespace
+
+import pytest
 
 from firmware_py import __main__
 from support.paths import ROOT
@@ -40,3 +45,19 @@ def test_blocks_of_64_kib_and_more_are_returned_to_the_system(monkeypatch):
     __main__._reduce_memory()
     assert sys.modules["_hashlib"] is imported
     assert calls == [(-3, 65_536)]  # M_MMAP_THRESHOLD of mallopt(3)
+
+
+@pytest.mark.parametrize("limits", [(1 << 30, resource.RLIM_INFINITY), (resource.RLIM_INFINITY, 1 << 30)])
+def test_memory_limit_below_the_library_of_numpy_is_out_of_memory(limits, monkeypatch):
+    """Only the soft limit applies; the library and its buffer need 80 MiB."""
+    sizes = []
+
+    def refuse(_descriptor, size, **_options):
+        sizes.append(size)
+        raise OSError
+
+    monkeypatch.setattr(mmap, "mmap", refuse)
+    monkeypatch.setattr(resource, "getrlimit", lambda _kind: limits)
+    with nullcontext() if limits[0] == resource.RLIM_INFINITY else pytest.raises(MemoryError):
+        __main__._check_memory_limit()
+    assert sizes == ([] if limits[0] == resource.RLIM_INFINITY else [83_886_080])
