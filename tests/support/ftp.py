@@ -70,6 +70,7 @@ class FtpStation:
         assert opened.ok, opened.error
         content = b""
         while (reply := self.ask(5, offset=len(content), size=239)).ok:
+            assert reply.data
             content += reply.data
         assert reply.error == (6,)
         assert self.ask(1).ok
@@ -89,6 +90,7 @@ class FtpStation:
         """Return the lines of a directory listing."""
         lines = []
         while (reply := self.ask(opcode, path, offset=len(lines))).ok:
+            assert reply.data
             lines += reply.data.decode().rstrip("\0").split("\0")
         assert reply.error == (6,), reply.error
         return lines

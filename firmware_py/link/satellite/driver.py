@@ -96,9 +96,8 @@ class SatelliteDriver:
         self.modem.restart()
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Evaluate bytes received from the modem."""
+        """Evaluate bytes received from the modem; `update` evaluates a session that they end."""
         self.modem.feed(data, now_s)
-        self._end_sessions(now_s)
 
     def update(self, now_s: float, utc_s: float) -> bytes:
         """Start a session if one is due; return the bytes for the modem."""
