@@ -1,8 +1,5 @@
 """Stored parameters and plans: unusable lines, boot count, a directory mounted late, readers without a lock."""
 
-import os
-from pathlib import Path
-
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
@@ -150,19 +147,3 @@ def test_state_is_read_without_its_lock(tmp_path):
     for mode in (0o640, 0o610, 0o604, 0o601):
         (tmp_path / "signing.key.0").chmod(mode)
         assert find_exposed_key_files(tmp_path) == ("signing.key.0",)
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of a file")
-def test_key_must_belong_to_the_owner_of_the_directory(tmp_path):
-    writer = SlotWriter(tmp_path, frozenset({"signing.key"}))
-    writer.write("signing.key", b"key")
-    os.chown(tmp_path / "signing.key.0", 4242, -1)
-    problem = "signing.key.0 cannot be read (it belongs to user 4242)"
-    assert StateFiles(tmp_path).examine("signing.key") == Stored(None, problem)
-    writer.close()
-    writer = SlotWriter(tmp_path, frozenset({"signing.key"}))
-    for _ in range(2):
-        writer.write("signing.key", b"new")
-    writer.close()
-    assert {Path(tmp_path / f"signing.key.{slot}").stat().st_uid for slot in (0, 1)} == {0}
-    assert StateFiles(tmp_path).examine("signing.key") == Stored(b"new")

@@ -324,17 +324,6 @@ def test_a_value_is_confirmed_only_when_it_is_stored_itself(disk, tmp_path):
     boat.end()
 
 
-def test_a_failed_name_is_stored_without_a_request_when_the_disk_works_again(disk, tmp_path, monkeypatch):
-    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
-    boat = Boat.start(disk.directory)
-    disk.arm(0, lasting=True)
-    assert not set_parameter(boat, 7)
-    disk.arm(None)
-    wait_for(boat.store, lambda: not boat.store.failure)
-    assert result_in_copy(disk, tmp_path / "killed", set_parameter) == 77.0
-    boat.end()
-
-
 def test_names_that_are_written_together_have_their_own_results(disk, tmp_path, monkeypatch):
     boat = Boat.start(disk.directory)
     assert set_parameter(boat, 0)
