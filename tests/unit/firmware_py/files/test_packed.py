@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.files import packed as module
 from firmware_py.files.packed import (
-    MEMBER_BEGIN,
     PackedFile,
     PlainFile,
     complete_members,
@@ -38,9 +38,9 @@ def open_packed(path, data):
 
 def test_members_have_the_headers_of_rfc_1952():
     """Method 8 with an extra field, system 255 (unknown); the field RM has the size of the member, RI the index."""
-    assert MEMBER_BEGIN.hex(" ") == "1f 8b 08 04 00 00 00 00 00 ff 08 00 52 4d 04 00"
+    assert module.MEMBER_BEGIN.hex(" ") == "1f 8b 08 04 00 00 00 00 00 ff 08 00 52 4d 04 00"
     member = pack_block(b"abc")
-    assert member.startswith(MEMBER_BEGIN + len(member).to_bytes(4, "little"))
+    assert member.startswith(module.MEMBER_BEGIN + len(member).to_bytes(4, "little"))
     assert pack_index(3, [50]).hex(" ") == (
         "1f 8b 08 04 00 00 00 00 00 ff 14 00 52 49 10 00 03 00 00 00 00 00 00 00 32 00 00 00 2a 00 00 00 "
         "03 00 00 00 00 00 00 00 00 00"
