@@ -6,11 +6,7 @@ import sys
 
 import pytest
 
-from firmware_py.actuator.dynamixel import DynamixelOptions
-from firmware_py.actuator.feetech import FeetechOptions
-from firmware_py.actuator.maestro import MaestroOptions
 from firmware_py.actuator.pulse import PulseOptions
-from firmware_py.actuator.volz import VolzOptions
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.devices import CAPTURE_FORMATS, COMPASSES, SECTIONS, calibrator_of, decode, find_capture
 from firmware_py.sensors.ais import AisOptions
@@ -18,7 +14,6 @@ from firmware_py.sensors.bno08x_rvc import Bno08xRvcOptions
 from firmware_py.sensors.mavlink_board import MavlinkOptions
 from firmware_py.sensors.mavlink_compass import MavlinkCompassOptions
 from firmware_py.sensors.mavlink_position import MavlinkPositionOptions
-from firmware_py.sensors.mavlink_power import MavlinkPowerOptions
 from firmware_py.sensors.mti import MtiOptions
 from firmware_py.sensors.nmea2000_ais import Nmea2000AisOptions
 from firmware_py.sensors.nmea2000_depth import Nmea2000DepthOptions
@@ -51,25 +46,20 @@ OPTIONS = {
     NmeaCompassOptions: "require_checksum True",
     PniOptions: "rate_hz 10.0 0.5 100",
     MtiOptions: "rate_hz 10 1 100",
-    RionOptions: "identifier auto, address 0 0 239, rate_hz 10.0 0.5 20, mounting none",
+    RionOptions: "identifier auto, rate_hz 10.0 0.5 20, mounting none",
     WitmotionOptions: "algorithm read, rate_hz 0 0 200, save_rate False",
     Bno08xRvcOptions: "rate_hz 10.0 1 100, clockwise True",
     MavlinkOptions: "system 0 0 255, component 1 1 255",
-    MavlinkCompassOptions: "rate_hz 10 1 50, reference true, require_status True",
+    MavlinkCompassOptions: "reference true, require_status True",
     Nmea2000Options: "source -1 -1 251, gateway auto",
     NmeaPositionOptions: "require_checksum True",
-    MavlinkPositionOptions: "rate_hz 1 1 10, solution receiver",
-    DynamixelOptions: "id 1 0 252",
-    VolzOptions: "id 1 1 30",
-    FeetechOptions: "id 1 0 253",
+    MavlinkPositionOptions: "solution receiver",
     PulseOptions: (
         "centre_us 1500.0 400 2600, us_per_rad 636.6 50 5000, minus_us None 400 2600, plus_us None 400 2600, "
         "end_deg 45.0 5 120, reversed False, min_us 1000.0 400 2600, max_us 2000.0 400 2600"
     ),
-    MaestroOptions: "channel 0 0 23, device 12 0 127, crc False, speed 0 0 16383, acceleration 0 0 255",
     NmeaRudderOptions: "offset_deg 0.0 -90 90, scale 1.0 -10 10, require_checksum True",
     Nmea2000RudderOptions: "instance -1 -1 252, offset_deg 0.0 -90 90, scale 1.0 -10 10",
-    MavlinkPowerOptions: "battery 0 0 255",
     AisOptions: "own_mmsi 0 0 1e+09",
     Nmea2000AisOptions: "own_mmsi 0 0 1e+09",
     NmeaWindOptions: "offset_deg 0.0 -180 180, require_checksum True",

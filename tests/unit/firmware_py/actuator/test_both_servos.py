@@ -151,3 +151,20 @@ def test_request_is_given_up_after_the_longest_exchange(fakes, driver, kind):
         rudder.command(RudderCommand(0.1, True), now_s)
         assert len(line.written) == count
     assert rudder.health(timeout_s).state is DeviceState.STARTING
+
+
+@pytest.mark.parametrize(
+    ("options", "device_id", "allowed"),
+    [
+        (DynamixelOptions, 253, "0 to 252"),
+        (DynamixelOptions, -1, "0 to 252"),
+        (VolzOptions, 0, "1 to 30"),
+        (VolzOptions, 31, "1 to 30"),
+        (FeetechOptions, 254, "0 to 253"),
+        (FeetechOptions, -1, "0 to 253"),
+    ],
+)
+def test_invalid_id_is_rejected(options, device_id, allowed):
+    assert options().id == 1
+    with pytest.raises(ValueError, match=rf"id: .* allowed: {allowed}$"):
+        options(id=device_id)

@@ -304,6 +304,22 @@ def test_limited_pulse_is_reported(rig):
 
 
 @pytest.mark.parametrize(
+    ("name", "default", "limits"),
+    [
+        ("channel", 0, "0 to 23"),
+        ("device", 12, "0 to 127"),
+        ("speed", 0, "0 to 16383"),
+        ("acceleration", 0, "0 to 255"),
+    ],
+)
+def test_options_out_of_range_are_refused(name, default, limits):
+    assert getattr(MaestroOptions(), name) == default
+    for value in (-1, int(limits.split()[-1]) + 1):
+        with pytest.raises(ValueError, match=f"{name}: .* allowed: {limits}$"):
+            MaestroOptions(**{name: value})
+
+
+@pytest.mark.parametrize(
     ("number", "is_accepted"), [(0, True), (255, False), (256, True), (13120, True), (13121, False), (65535, False)]
 )
 def test_position_that_no_channel_can_have_is_rejected(rig, maestro, number, is_accepted):

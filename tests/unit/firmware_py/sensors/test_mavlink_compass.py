@@ -69,8 +69,9 @@ def test_reference_may_be_magnetic(line):
 
 
 def test_options_are_checked():
-    with pytest.raises(ValueError, match="reference"):
-        MavlinkCompassOptions(reference="grid")
+    for options, problem in (({"reference": "grid"}, "reference: 'grid'"), ({"rate_hz": 51}, "rate_hz: .* 1 to 50$")):
+        with pytest.raises(ValueError, match=problem):
+            MavlinkCompassOptions(**options)
 
 
 @pytest.mark.parametrize(

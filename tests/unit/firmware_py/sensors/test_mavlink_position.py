@@ -187,8 +187,9 @@ def test_requested_messages(line, solution, messages):
 
 
 def test_one_fix_a_second_is_the_default(line):
-    with pytest.raises(ValueError, match="solution"):
-        MavlinkPositionOptions(solution="both")
+    for options, problem in (({"solution": "both"}, "solution: 'both'"), ({"rate_hz": 11}, "rate_hz: .* 1 to 10$")):
+        with pytest.raises(ValueError, match=problem):
+            MavlinkPositionOptions(**options)
     Rig(line)
     assert requested(line.written) == [(24, 1_000_000), (2, 1_000_000)]
 

@@ -91,6 +91,8 @@ def test_summary_without_a_voltage(rig, voltage):
 
 
 def test_other_battery(line):
+    with pytest.raises(ValueError, match=r"battery: .* 0 to 255$"):
+        MavlinkPowerOptions(battery=256)
     rig = Rig(line, battery=2)
     assert rig.samples(1.0, battery(0), summary()) == ()
     assert len(rig.samples(2.0, battery(2))) == 1

@@ -374,6 +374,7 @@ def test_vertical_boat_has_no_heading(line, exchange):
     ("values", "problem"),
     [
         ({"identifier": "69"}, "identifier: '69' is not known"),
+        ({"address": 240}, "address: 240 is out of range; allowed: 0 to 239"),
         ({"mounting": "yaw_30"}, "mounting: 'yaw_30' is not known; use one of none, yaw_45"),
     ],
 )
