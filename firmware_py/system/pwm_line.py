@@ -29,7 +29,7 @@ class PwmLine:
         self.openings = 0
         self.written = 0
         self._channel: Path | None = None  # while the output is open
-        self._is_enabled: bool | None  # set when the output is open; None: not known
+        self._is_enabled: bool | None = None  # None: not known
         self._next_retry_s = 0.0
 
     @property
