@@ -70,7 +70,7 @@ NO_VERDICT: Final = CurrentVerdict()
 class WaterState(NamedTuple):
     """Time of the last position (NaN: none), filter, verdict on the current, slow values.
 
-    `slow_t_s` is the time of the slow values; while it is NaN, guidance uses `expected`.
+    `slow_t_s` is the time of the slow values; while it is NaN, they are equal to `expected`.
     """
 
     fix_t_s: float = math.nan
@@ -187,8 +187,6 @@ def estimate_at(s: WaterState, t_s: float) -> Water:
 
 def guidance_values(s: WaterState) -> tuple[float, float, float, float]:
     """Return current north and east, speed through the water [m/s] and leeway [rad] for guidance."""
-    if math.isnan(s.slow_t_s):
-        return s.expected.north_m_s, s.expected.east_m_s, s.expected.speed_m_s, 0.0
     state = s.filter.means[0]
     leeway_rad = math.atan2(
         state[water_filter.SIDEWAYS], max(state[water_filter.MEAN_SPEED], water_filter.MIN_SPEED_M_S)
@@ -207,8 +205,6 @@ def model_speed(s: WaterState) -> float:
     Errors of speed and heading would increase each other. So this is the expected speed while the standard deviation
     of the estimated one is much larger than KNOWN_SPEED_SD_M_S, and the estimated one while it is much smaller.
     """
-    if math.isnan(s.slow_t_s):
-        return s.expected.speed_m_s
     sd_ratio = mean_speed_sd(s) / KNOWN_SPEED_SD_M_S
     return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + sd_ratio * sd_ratio)
 

@@ -367,6 +367,20 @@ def test_filter_agrees_with_the_plain_filter_in_waves_turns_and_gaps(steps, is_r
     assert np.abs(np.subtract(plain.levels, PRIOR)).max() > 0.5
 
 
+@pytest.mark.parametrize("number", [0, 7, 11])
+@pytest.mark.parametrize(("window_s", "is_chosen"), [(4.5, True), (4.4, False)])
+def test_most_likely_candidate_replaces_the_filter_after_5_s(number, window_s, is_chosen):
+    f = begin(0.0, 1.0)
+    sums = np.zeros(2 * LEVELS)
+    sums[number] = 1e3
+    updated = update(
+        f._replace(learning=f.learning._replace(sums=sums, window_s=window_s)), OCEAN_RAMBLER, 0.5, 1.1, 0.0
+    )
+    assert updated.levels == pytest.approx(CANDIDATES[number] if is_chosen else PRIOR)
+    assert (updated.motion == heading_model.read_row(updated.learning.motions[number])) is is_chosen
+    assert updated.learning.window_s == (0.0 if is_chosen else 4.9)
+
+
 def test_sample_is_learned_from_0_4_s_after_the_last_one_on():
     f = begin(0.0, 1.0)
     for t_s, is_learned in ((0.39, False), (0.4, True)):

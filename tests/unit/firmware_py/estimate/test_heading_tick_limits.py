@@ -49,7 +49,7 @@ def constant(seconds, **changes):
     [
         (constant(6.1), 8.0, True),
         (constant(5.9), 8.0, False),
-        (constant(6.1), 3.1, True),
+        (constant(6.1), 3.0, True),
         (constant(6.1), 2.9, False),
         (constant(6.25, sound_since_s=33.75), 8.0, True),  # 60 s of waves before
         (constant(6.25, sound_since_s=33.8), 8.0, False),
