@@ -112,6 +112,8 @@ def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
     earlier = MOTION._replace(heading_rad=2.0, p00=radians(10.0) * radians(10.0))
     expected = heading_model.predict(earlier, LEVELS, OCEAN_RAMBLER, 0.0, 1.5)
     assert standstill(compass, uncorrected=earlier, uncorrected_s=99.0).uncorrected == expected
+    for begun_s, end_s in ((-499.5, 100.5), (-500.0, -500.0)):  # 600 s and more
+        assert standstill(compass, uncorrected=earlier, uncorrected_s=begun_s).uncorrected_s == end_s
     uncertain = earlier._replace(p00=(10.1 * RAD) ** 2)
     assert (
         standstill(compass, uncorrected=uncertain, uncorrected_s=99.0).uncorrected.heading_rad != expected.heading_rad
