@@ -242,3 +242,23 @@ def test_filter_agrees_with_the_plain_filter():
 def test_impossible_state_restarts_the_filter(changes):
     state = replace(sail_minute(), **changes)
     assert sail_minute(state, start_s=2000.0) == START
+
+
+@pytest.mark.parametrize(("sd_deg", "is_ready"), [(0.75, True), (0.751, False)])
+def test_proposal_with_a_standard_deviation_of_three_quarters_of_a_degree(sd_deg, is_ready):
+    p = np.diag([math.radians(sd_deg) ** 2, *[0.0] * 7])
+    estimate = deviation_filter.result(SWING, replace(START, x=(0.1,) * 8, p=p.tobytes(), sectors=(1,) * 12))
+    assert (estimate.sd_rad, estimate.ready) == (pytest.approx(math.radians(sd_deg)), is_ready)
+    assert estimate.sds_rad == pytest.approx((math.radians(sd_deg), 0.0, 0.0, 0.0, 0.0))
+
+
+def test_uncertainty_and_change_are_those_of_the_worst_of_36_headings():
+    rng = np.random.default_rng(8)
+    root = 0.01 * rng.standard_normal((8, 9))
+    x = tuple(map(float, rng.uniform(-0.1, 0.1, 8)))
+    estimate = deviation_filter.result(SWING, replace(START, x=x, p=(root @ root.T).tobytes()))
+    headings = np.radians(np.arange(0.0, 360.0, 10.0))
+    basis = np.stack([headings**0, np.sin(headings), np.cos(headings), np.sin(2 * headings), np.cos(2 * headings)])
+    assert estimate.sd_rad == pytest.approx(np.sqrt(np.max(np.sum((root[:5].T @ basis) ** 2, axis=0))))
+    assert estimate.off_rad == pytest.approx(np.max(np.abs((np.array(x[:5]) - DEVIATION) @ basis)))
+    assert estimate.coefficients_rad == x[:5]
