@@ -222,6 +222,10 @@ def test_bytes_on_a_line_of_the_hil_do_not_stop_the_time(lockstep):
     fed, other = socket.socketpair()
     with fed, other:
         clock.fed.append(fed.fileno())
+        hil.sendall(reply(3.05, (3.02, 0)))
+        assert list(clock.wait(3.05, [fed.fileno()])) == [fed.fileno()]  # of line 0, also if the bytes arrive later
+        assert clock.now_s() == 3.02
+        assert list(clock.wait(3.05, [fed.fileno()])) == []
         other.sendall(b"x")
         hil.sendall(reply(3.1))
         assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
