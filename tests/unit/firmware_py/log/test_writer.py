@@ -116,6 +116,7 @@ def test_large_queues_are_written_in_pieces(disk):
 def test_queue_is_full_at_its_limit(disk, limit, batches, last_batch):
     writer = make_writer(disk, **limit)
     writer._thread = threading.current_thread()  # the queue is not drained
+    writer._turned = None  # nor does the loop wait
     put(writer, *batches)
     assert not writer.is_full()
     put(writer, last_batch)
