@@ -88,11 +88,6 @@ def test_rest_needs_a_monitor_or_rest_w(energy):
     assert (day["load"], day["rest"]["wh"]) == ({"wh": 45.0, "measured_h": 0.0, "estimated": True}, 40.0)
 
 
-def test_servo_without_power_reading_is_unknown(energy):
-    (day,) = json.loads(energy(minutes(DAY_UTC_S, 60, steering_j=0.0, load_w=5.0), "--json")[1])["days"]
-    assert (day["servo"], day["rest"], day["load"]["wh"]) == (None, None, 5.0)
-
-
 @pytest.mark.parametrize("cut_bytes", [1, 40, 200])
 def test_incomplete_row_is_ignored(energy, cut_bytes):
     data = minutes(DAY_UTC_S, 60, **MEASURED)

@@ -10,7 +10,7 @@ from firmware_py.common.records import DeviceState
 from firmware_py.faults.table import Fault
 from firmware_py.log import archive_worker, schema
 from firmware_py.log.archive_worker import ArchiveWorker
-from firmware_py.log.black_box import box_path, find_next_tick, make_box
+from firmware_py.log.black_box import find_next_tick
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import LogReader
 
@@ -174,20 +174,6 @@ def test_a_restart_makes_a_black_box(tmp_path, fake):
     run.recorder.close()
 
 
-def test_a_box_of_a_short_file_includes_the_end_of_the_previous_one(tmp_path, fake, monkeypatch):
-    # Not compressed, as after a quick restart.
-    monkeypatch.setattr("firmware_py.log.archive_worker.ArchiveWorker.work", lambda _self, _written_bytes: None)
-    run = Run(fake, tmp_path, file_bytes=350_000).sail(300)
-    while len(log_files(tmp_path)) < 2:
-        run.sail(10)
-    run.kill()
-    for _ in make_box(tmp_path / "00000002.BIN", "end"):
-        pass
-    times = times_of(box_path(tmp_path / "00000002.BIN", "end"))
-    assert len(times) in (300, 301)  # depends on the rounding of the first time
-    assert times == [pytest.approx(START_S + index) for index in range(run.index - len(times), run.index)]
-
-
 def test_a_missing_box_is_made_after_the_next_start(tmp_path, fake):
     Run(fake, tmp_path).sail(400).kill()
     Run(fake, tmp_path).sail(1).kill()  # too short for a box
@@ -195,22 +181,6 @@ def test_a_missing_box_is_made_after_the_next_start(tmp_path, fake):
         path.unlink()
     run = Run(fake, tmp_path).sail(5).turn(100)
     assert boxes(tmp_path) == ["00000001-end.BIN.gz", "00000002-end.BIN.gz"]
-    run.recorder.close()
-
-
-def test_only_a_severe_fault_makes_a_black_box_at_most_each_ten_minutes(tmp_path, fake):
-    run = Run(fake, tmp_path).sail(400).sail(50, SLIGHT)
-    assert boxes(tmp_path) == []
-    run.sail(60, SEVERE | SLIGHT)
-    event_s = START_S + 450.0
-    (name,) = boxes(tmp_path)
-    assert name == f"00000001-{event_s:.0f}.BIN.gz"
-    times = times_of(tmp_path / "boxes" / name)
-    assert (times[0], times[-1]) == (pytest.approx(event_s - 300.0), pytest.approx(event_s + 29.0))
-    run.sail(10).sail(10, SEVERE).sail(60)
-    assert boxes(tmp_path) == [name]
-    run.sail(500).sail(60, SEVERE)
-    assert len(boxes(tmp_path)) == 2
     run.recorder.close()
 
 
@@ -225,18 +195,6 @@ def test_a_disk_error_is_reported_and_retried_while_the_log_continues(tmp_path, 
     run.turn(RETRY_TURNS + 60)
     assert run.recorder.health(2.0).state is DeviceState.RUNNING
     assert all(name.endswith(".gz") for name in log_names(tmp_path)[:-1])
-    run.recorder.close()
-
-
-def test_a_failed_box_is_no_fault_after_the_pause(tmp_path, fake, monkeypatch):
-    """The next log to compress, whose success would clear the failure, may be days away."""
-    run = Run(fake, tmp_path).sail(400)
-    with monkeypatch.context() as patches:
-        patches.setattr(os, "pwrite", fail)
-        run.sail(60, SEVERE)
-    assert run.recorder.health(1.0).state is DeviceState.FAULTY
-    run.turn(RETRY_TURNS + 1)
-    assert run.recorder.health(2.0).state is DeviceState.RUNNING
     run.recorder.close()
 
 

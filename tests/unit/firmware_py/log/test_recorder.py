@@ -150,14 +150,6 @@ def test_files_change_between_ticks_and_the_oldest_is_removed(tmp_path, fake):
     assert recorder.health(1.0).rejected == 0
 
 
-def test_a_file_is_at_most_half_of_the_total(tmp_path, fake):
-    recorder = fake.make_recorder(tmp_path, file_bytes=1 << 30, max_total_bytes=24_000)
-    fake.run_ticks(recorder, range(60), after_tick=recorder.writer.drain)
-    recorder.close()
-    assert len(log_files(tmp_path)) in (1, 2)
-    assert total_bytes(tmp_path) <= 24_000 + 4_000
-
-
 def test_a_full_queue_drops_and_counts_ticks_and_continues_with_a_checkpoint(tmp_path, fake):
     class SlowDisk(LocalDisk):
         entered, release, synced = threading.Event(), threading.Event(), threading.Semaphore(0)

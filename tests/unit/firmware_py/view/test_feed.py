@@ -73,14 +73,16 @@ def test_event_is_a_mark_at_its_time_once(rig):
 
 
 def test_timed_out_values_are_empty(rig):
-    position, rudder = {"lat_deg": 36.0, "sog_m_s": 0.5}, {"angle_deg": 4.0}
+    sections = {
+        "position": {"lat_deg": 36.0, "sog_m_s": 0.5}, "rudder": {"angle_deg": 4.0}, "depth": {"depth_m": 12.0},
+        "wind": {"wind_m_s": 5.0, "gust_m_s": 8.0},
+    }  # fmt: skip
     names = ("lat_deg", "ground_m_s", "compass_deg", "heading_deg", "error_deg", "rudder_deg")
-    rig.advance(position={"ok": True, **position}, heading_ok=True, rudder={"ok": True, **rudder})
-    values = rig.values()
-    assert None not in [values[name] for name in names]
-    rig.advance(position={"ok": False, **position}, heading_ok=False, rudder={"ok": False, **rudder})
-    values = rig.values()
-    assert [values[name] for name in names] == [None] * len(names)
+    names += ("wind_m_s", "gust_m_s", "depth_m")
+    for is_ok, expected in ((True, [36.0, 0.5, 12.0, 11.0, -3.0, 4.0, 5.0, 8.0, 12.0]), (False, [None] * 9)):
+        rig.advance(heading_ok=is_ok, **{name: {"ok": is_ok} | values for name, values in sections.items()})
+        values = rig.values()
+        assert [values[name] for name in names] == expected
     assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
 
 
@@ -97,16 +99,6 @@ def test_estimated_rudder_angle_is_a_line_of_its_own(rig):
         ("rudder_estimated_deg", "estimated"),
         ("rudder_deg", "angle"),
     ]
-
-
-def test_wind_and_depth_are_empty_when_old(rig):
-    names, wind, depth = ("wind_m_s", "gust_m_s", "depth_m"), {"wind_m_s": 5.0, "gust_m_s": 8.0}, {"depth_m": 12.0}
-    rig.advance(wind={"ok": True, **wind}, depth={"ok": True, **depth})
-    values = rig.values()
-    assert [values[name] for name in names] == [5.0, 8.0, 12.0]
-    rig.advance(wind={"ok": False, **wind}, depth={"ok": False, **depth})
-    values = rig.values()
-    assert [values[name] for name in names] == [None] * 3
 
 
 def test_fault_has_its_remedy(rig):
