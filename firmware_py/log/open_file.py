@@ -89,7 +89,10 @@ def _remedy_for_full_disk() -> Iterator[None]:
 def _find_next_member(data: bytes, source: IO[bytes]) -> bytes:
     """Search the next member after the first byte; return the data from it on, empty at the end of the source."""
     begin = data.find(MEMBER_BEGIN, 1)
-    while begin < 0 and (next_chunk := source.read(_CHUNK_BYTES)):
-        data = data[1:][-len(MEMBER_BEGIN) :] + next_chunk
-        begin = data.find(MEMBER_BEGIN)
-    return b"" if begin < 0 else data[begin:]
+    if begin >= 0:
+        return data[begin:]
+    for chunk in iter(lambda: source.read(_CHUNK_BYTES), b""):
+        data = data[1:][-len(MEMBER_BEGIN) :] + chunk
+        if (begin := data.find(MEMBER_BEGIN)) >= 0:
+            return data[begin:]
+    return b""

@@ -7,7 +7,6 @@ import msgspec
 import pytest
 
 from firmware_py.common.records import DeviceState
-from firmware_py.faults.table import Fault
 from firmware_py.log import archive_worker, schema
 from firmware_py.log.archive_worker import ArchiveWorker
 from firmware_py.log.black_box import find_next_tick
@@ -18,7 +17,6 @@ IDLE_TURNS = 20
 RETRY_TURNS = 60
 
 START_S = 12.3
-SEVERE, SLIGHT = 1 << Fault.COMPASS_LOST, 1 << Fault.POSITION_LOST
 
 
 class Run:
@@ -29,13 +27,13 @@ class Run:
         self.recorder = fake.make_recorder(directory, clock_utc_s=lambda: 1.8e9, **options)
         self.state, self.index = fake.State(), 0
 
-    def sail(self, seconds, faults=0):
+    def sail(self, seconds):
         for _ in range(seconds):
             inputs = self.fake.make_inputs(self.index)
             t_s = START_S + self.index
             inputs = msgspec.structs.replace(inputs, tick=msgspec.structs.replace(inputs.tick, t_s=t_s), requests=())
             previous, (self.state, output) = self.state, self.fake.step(self.state, inputs)
-            snapshot = msgspec.structs.replace(output.snapshot, faults=faults, t_s=t_s)
+            snapshot = msgspec.structs.replace(output.snapshot, faults=0, t_s=t_s)
             output = msgspec.structs.replace(output, snapshot=snapshot)
             self.recorder.offer(inputs, output, lambda state=previous: self.fake.to_text(state))
             self.index += 1
