@@ -87,7 +87,7 @@ def find_next_tick(descriptor: int, offset: int, end: int) -> TickPosition | Non
     follows_end = offset > 0
     end_bytes = schema.END.size if follows_end else 0
     size = _TICK_FORMAT.length
-    for begin in range(offset, end - size + 1, _CHUNK_BYTES):
+    for begin in range(offset, end, _CHUNK_BYTES):
         data = os.pread(descriptor, min(_CHUNK_BYTES + end_bytes + size, end - begin), begin)
         position = data.find(_TICK_MARK, end_bytes)
         while 0 <= position <= len(data) - size:

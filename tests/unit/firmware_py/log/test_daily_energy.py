@@ -39,7 +39,7 @@ def test_a_row_is_two_messages_of_the_same_time(tmp_path):
 
 def test_clock_of_all_logs_is_corrected_and_an_unreadable_log_is_named(tmp_path):
     (tmp_path / "thin").mkdir()
-    rows = [Minute(utc_s, 60.0, 0, True, 0) for utc_s in (0.0, MIDNIGHT_S)]
+    rows = [Minute(utc_s, 60.0, 0, True, faults=100) for utc_s in (0.0, MIDNIGHT_S)]
     for number, row in enumerate(rows, start=1):
         data = SAILING.pack(60.0 * number, row) + UPKEEP.pack(60.0 * number, row)
         (tmp_path / f"thin/{number:08d}.BIN").write_bytes(HEAD + data)
