@@ -80,6 +80,16 @@ def test_passphrase_has_up_to_1024_bytes(directory, set_input):
     assert stored_key(directory) == sha256(b"x" * 1024).digest()
 
 
+def test_error_of_the_directory_is_reported(directory, capsys, monkeypatch):
+    def fail(_directory):
+        raise OSError(errno.EIO, "Input/output error", str(directory))
+
+    monkeypatch.setattr("firmware_py.cli.key.read_key", fail)
+    assert run_rejected(capsys, "show-state", "--state", directory) == (
+        f"rambler key show-state: {directory}: Input/output error"
+    )
+
+
 def test_damage_of_one_slot_is_named(directory_with_key, capsys):
     (directory_with_key / "signing.key.1").write_bytes(b"spoilt")
     assert main(["key", "show-state", "--state", str(directory_with_key)]) == 0

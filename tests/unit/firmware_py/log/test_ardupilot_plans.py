@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.log import ardupilot_formats
 from firmware_py.log.ardupilot_formats import FENCE, MISSION_ITEM, RALLY
 from firmware_py.log.ardupilot_plans import encode_plan
 from firmware_py.log.dataflash import Format
@@ -15,6 +16,12 @@ def rows_of(kind, plan, identity=3):
     rows = [layout.unpack(data, offset) for offset in range(0, len(data), layout.length)]
     assert {row[0] for row in rows} == {2_500_000}
     return [row[1:] for row in rows]
+
+
+def test_positions_have_seven_decimals_and_numbers_no_multiplier():
+    kind = ardupilot_formats._message_type(200, "X", "I,N,Lat,Lng,M", "BBLLf", "#-DUm")
+    assert (kind.labels, kind.values, kind.units) == ("TimeUS,I,N,Lat,Lng,M", "QBBLLf", "s#-DUm")
+    assert kind.multipliers == "F--GG0"
 
 
 def test_mission_items_are_numbered_from_home():

@@ -29,14 +29,18 @@ class Record(msgspec.Struct, frozen=True):
     sound: FixType = FixType.NONE
 
 
-COLUMNS = (
-    float_column("S", "m", "size_m"),
-    optional_column("D", "m", "depth_m"),
-    optional_column("N", "-", "count", int),
-    flag_column("On", "on"),
-    optional_flag_column("Kn", "known"),
-    enum_column("Fix", "fix", FixType),
-)
+def make_columns():
+    return (
+        float_column("S", "m", "size_m"),
+        optional_column("D", "m", "depth_m"),
+        optional_column("N", "-", "count", int),
+        flag_column("On", "on"),
+        optional_flag_column("Kn", "known"),
+        enum_column("Fix", "fix", FixType),
+    )
+
+
+COLUMNS = make_columns()
 ROW = Row(200, "PLN", COLUMNS, Record)
 ROW_WITH_TEXT = Row(201, "TXT", COLUMNS, Record, text=True)
 ROW_WITH_DEFAULT = Row(200, "PLN", (*COLUMNS, enum_column("Snd", "sound", FixType)), Record)
@@ -61,15 +65,19 @@ def read_all(row, data):
     ],
 )
 def test_records_are_read_back(record):
-    assert repr(read_all(ROW, ROW.pack(1.0, record))) == repr([record])
+    row = Row(200, "PLN", make_columns(), Record)
+    assert repr(read_all(row, row.pack(1.0, record))) == repr([record])
+    assert (row.type.values, row.type.units, row.type.multipliers) == ("QdddBbB", "smm----", "F000---")
+    (name, number) = integer_column("A", "B", "a", "#"), integer_column("B", "Z", "b")
+    assert Row(1, "X", (name, number), Record, text=True).type.units == "s#-----"
 
 
 @pytest.mark.parametrize("text", ["", "x" * 64, "x" * 65, "é" * 200, "nul\0\0", "\ud800"])
 def test_texts_of_any_length_are_read_back(text):
-    record = msgspec.structs.replace(RECORD, text=text)
-    data = ROW_WITH_TEXT.pack_text(1.0, record, text)
+    record, row = msgspec.structs.replace(RECORD, text=text), Row(201, "TXT", COLUMNS, Record, text=True)
+    data = row.pack_text(1.0, record, text)
     parts = max(1, math.ceil(len(text.encode("utf-8", "surrogatepass")) / 64))
-    assert read_all(ROW_WITH_TEXT, data) == [None] * (parts - 1) + [record]
+    assert read_all(row, data) == [None] * (parts - 1) + [record]
 
 
 def test_a_text_with_a_missing_piece_or_a_wrong_length_is_refused():

@@ -2,6 +2,7 @@
 
 import math
 import os
+import struct
 
 import msgspec
 import pytest
@@ -10,9 +11,10 @@ from pymavlink.DFReader import DFReader_binary
 from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
 from firmware_py.common.reports import Energy, Flow, Power, Water
 from firmware_py.faults.table import Fault
-from firmware_py.log import ardupilot, thin_file
+from firmware_py.log import ardupilot, thin, thin_file
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import log_files
+from firmware_py.log.message_rows import Row
 from firmware_py.log.thin import HEAD, ThinLog
 from firmware_py.log.thin_file import ThinFile
 from support.faulty_disk import KINDS, FaultyDisk
@@ -51,6 +53,14 @@ def messages(tmp_path, data, kind):
             rows.append(message)
     reader.close()
     return rows
+
+
+def test_columns_without_a_unit_have_no_multiplier():
+    columns = (thin._single_column("A", "-", "charge"), thin._single_column("B", "W", "load_w"))
+    row = Row(1, "X", (*columns, thin._double_column("C", "r", "latitude_rad")), thin.Minute)
+    assert (row.type.values, row.type.units, row.type.multipliers) == ("Qffd", "s-Wr", "F-00")
+    minute = thin.Minute(1.0, 60.0, 0, armed=False, faults=0)
+    assert row.pack(0.0, minute)[11:] == struct.pack("<ffd", *[math.nan] * 3)
 
 
 def test_a_row_has_sums_and_means_of_its_minute(tmp_path, fake):
