@@ -33,7 +33,7 @@ _SILENT_S = 10.0  # silence after which another peer may replace a download
 _MAX_RANGES = 64  # queued for one peer; MAVProxy requests up to twenty gaps together
 _CHUNK_BYTES = 512 * _BLOCK_BYTES  # of one request of MAVSDK and QGroundControl
 _MAX_TICK_BYTES = 256 * _BLOCK_BYTES  # for requests of a whole log; a receive buffer of 208 KiB stores four ticks
-_MAX_LOGS = 0xFFFF
+_MAX_LOGS = 0xFFFE  # numbers have 16 bits, and one more than the number of logs is used
 
 
 class LogFile(NamedTuple):
@@ -171,7 +171,7 @@ class LogServer:
     def _find_logs(self) -> tuple[LogFile, ...]:
         """Return the logs in the order of the ring: the newest, then the others from the oldest on."""
         logs = []
-        for _, path in sorted(self._catalogue().items())[-_MAX_LOGS + 1 :]:
+        for _, path in deque(sorted(self._catalogue().items()), _MAX_LOGS):
             try:
                 size, modified_s = _size_and_time(path)
             except OSError:
