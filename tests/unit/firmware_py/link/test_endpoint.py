@@ -231,6 +231,17 @@ def test_critical_faults_are_in_the_heartbeat(rig, of):
     assert beat.system_status == mavlink.MAV_STATE_CRITICAL
 
 
+@pytest.mark.parametrize(("rate_hz", "early_s"), [(16.0, 0.03125), (2.0, 0.25), (0.5, 0.5)])
+def test_message_may_be_half_a_tick_early(rig, of, rate_hz, early_s):
+    """The tick is that of the loop, and counts as one second at most."""
+    rig.now_s = 16.0
+    rig.command(511, 30, 8e6)  # ATTITUDE every 8 s
+    assert of(rig.tick(seconds=0.0, rate_hz=rate_hz), "ATTITUDE")
+    rig.now_s = 24.0
+    assert of(rig.tick(seconds=-early_s - 0.001, rate_hz=rate_hz), "ATTITUDE") == []
+    assert of(rig.tick(seconds=0.001, rate_hz=rate_hz), "ATTITUDE")
+
+
 def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
     rig.tick(seconds=5.0)
     assert rig.transport.polled_s == rig.now_s
