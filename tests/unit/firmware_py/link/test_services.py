@@ -1,9 +1,11 @@
 """The services of the link: order of sending, time (PING, TIMESYNC) and console (SERIAL_CONTROL)."""
 
-from itertools import chain, pairwise
+from itertools import chain
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.parameter_table import TABLE
 
 SYSTEM_AND_COMPONENT = (1, 1)
 SHELL = mavlink.SERIAL_CONTROL_DEV_SHELL
@@ -15,19 +17,19 @@ def test_no_message_is_handled_by_two_services(rig):
     assert set(numbers) <= set(rig.endpoint.handlers)
 
 
-def test_long_replies_to_two_peers_are_sent_in_turn(make_rig, of):
-    rig = make_rig(addresses=("first", "second"))
+def test_long_replies_to_several_peers_are_sent_in_turn(make_rig, of):
+    names = ("first", "second", "third")
+    rig = make_rig(addresses=names)
     rig.tick()
     wanted = mavlink.MAVLink_param_request_list_message(*SYSTEM_AND_COMPONENT)
-    rig.transport.inbox += [("first", rig.frame(wanted)), ("second", rig.frame(wanted))]
+    rig.transport.inbox += [(name, rig.frame(wanted)) for name in names]
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     rig.finish()
     turns = [address for address, _ in rig.transport.sent]
-    assert set(turns) == {"first", "second"}
-    assert all(before != after for before, after in pairwise(turns[:8]))
-    lists = {address: of(decoded(rig, address), "PARAM_VALUE") for address in ("first", "second")}
-    assert [value.param_index for value in lists["first"]] == list(range(lists["first"][0].param_count))
-    assert len(lists["second"]) == len(lists["first"])
+    assert turns == [names[number % 3] for number in range(len(turns))]
+    for name in names:
+        indices = [value.param_index for value in of(decoded(rig, name), "PARAM_VALUE")]
+        assert indices == list(range(len(TABLE)))
 
 
 def decoded(rig, address):
