@@ -162,7 +162,6 @@ class LogServer:
                 self._context.send_text_all(Severity.ERROR, f"Logs could not be erased: {erased}"[:200])
             else:
                 self._context.send_text_all(Severity.NOTICE, f"{erased} logs erased")
-            self._context.flush_all()
 
         self._worker.submit(self._erase_all, report)
 

@@ -137,13 +137,11 @@ class PlanUploads:
         upload.items.append(item)
         self._request_next(upload, now_s)
 
-    def cancel(self, owner: Station, kind: PlanKind) -> bool:
-        """Cancel the upload of a station; return False if it has none."""
+    def cancel(self, owner: Station, kind: PlanKind) -> None:
+        """Cancel the upload of a station, unless its plan is being stored."""
         upload = self._active.get(kind)
-        if upload is None or upload.owner != owner or upload.is_storing:
-            return False
-        del self._active[kind]
-        return True
+        if upload is not None and upload.owner == owner and not upload.is_storing:
+            del self._active[kind]
 
     def update(self, now_s: float) -> None:
         """Repeat requests without a reply, and end uploads of silent stations."""

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.interfaces import Link
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Event, FixType, PositionSample, RudderCommand, Severity
+from firmware_py.common.records import Event, FixType, PositionSample, RudderCommand, Severity, Stored
 from firmware_py.common.reports import Home, MissionReport, Output
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.link.endpoint import Endpoint
@@ -240,6 +240,18 @@ def test_message_may_be_half_a_tick_early(rig, of, rate_hz, early_s):
     rig.now_s = 24.0
     assert of(rig.tick(seconds=-early_s - 0.001, rate_hz=rate_hz), "ATTITUDE") == []
     assert of(rig.tick(seconds=0.001, rate_hz=rate_hz), "ATTITUDE")
+
+
+def test_key_of_a_late_disk_is_used_once(rig):
+    content = b"key %s\ntimestamp 1\n" % KEY.hex().encode()
+    assert rig.endpoint.restore_late_key(Stored(None, "no disk"))
+    assert rig.endpoint.key_problem == "no disk"
+    assert rig.endpoint.restore_late_key(Stored(content))
+    assert rig.endpoint.key_problem == ""
+    assert not rig.endpoint.restore_late_key(Stored(content))
+    sign(rig)
+    assert rig.tell(mavlink.MAVLink_ping_message(1, 1, 0, 0))[0].get_msgbuf()[2] == 1  # signed
+    assert rig.endpoint.progress() == ()
 
 
 def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
