@@ -118,12 +118,14 @@ def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
 
 
 @pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
-def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_station, texts, reason, text):
+def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_station, of, texts, reason, text):
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, encode({"CTL_K1": 41.5}))
     rig.request_handler.answer = Answer(Verdict.DENIED, reason)
-    assert texts(rig.tell(client.request(1))) == [f"@PARAM/param.pck: {text}"]
+    replies = rig.tell(client.request(1))
+    assert texts(replies) == [f"@PARAM/param.pck: {text}"]
+    assert of(replies, "PARAM_VALUE") == []
 
 
 @pytest.mark.parametrize(
