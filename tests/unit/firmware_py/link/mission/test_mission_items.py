@@ -53,12 +53,12 @@ def test_jump_target_is_an_item_of_the_plan_without_home(target, home_count, exp
     assert (None if isinstance(item, PlanProblem) else item.params[0]) == expected
 
 
-@pytest.mark.parametrize(("others", "is_duplicate"), [(15, True), (16, False)])
-def test_latest_messages_of_sixteen_stations_are_stored(others, is_duplicate):
+@pytest.mark.parametrize(("others", "delay_s", "is_duplicate"), [(15, 9.9, True), (16, 9.9, False), (0, 10.0, False)])
+def test_latest_messages_of_sixteen_stations_are_stored_for_ten_seconds(others, delay_s, is_duplicate):
     messages, sender = DuplicateMessages(), mavlink.MAVLink(None)
     sender.seq = 5
     count = sender.decode(bytearray(mavlink.MAVLink_mission_count_message(1, 1, 3, 0).pack(sender)))
     assert not messages.is_duplicate("first", count, 0.0)
     for other in range(others):
         assert not messages.is_duplicate(other, count, 0.0)
-    assert messages.is_duplicate("first", count, 9.9) is is_duplicate
+    assert messages.is_duplicate("first", count, delay_s) is is_duplicate
