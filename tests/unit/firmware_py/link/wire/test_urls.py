@@ -112,6 +112,7 @@ def test_class_option_overrides_the_default_rates(text, rates):
         ("systems=", "system ids from 1 to 255"),
         ("systems=0", "system ids from 1 to 255"),
         ("systems=256", "system ids from 1 to 255"),
+        ("systems=0255", "system ids from 1 to 255"),
         ("systems=1,,2", "system ids from 1 to 255"),
         ("systems=\u0663", "system ids from 1 to 255"),
         ("systems=99999999999999999999", "system ids from 1 to 255"),
