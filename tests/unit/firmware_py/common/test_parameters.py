@@ -13,6 +13,7 @@ def test_set_is_immutable_and_compared_by_value():
     base = ParameterSet()
     changed = base.replaced("CTL_K1", 33.3)
     assert base["CTL_K1"] == 40.0
+    assert base.values() == tuple(value for _, value in base.items())
     assert changed["CTL_K1"] == to_single(33.3)
     assert changed != base
     assert changed.replaced("CTL_K1", 40.0) == base
