@@ -41,8 +41,7 @@ def degrees(angle_rad: float) -> float:
 
 def compass_degrees(angle_rad: float) -> float:
     """Convert a heading in radians to degrees in [0, 360)."""
-    angle_deg = wrap_two_pi(angle_rad) * DEGREES_PER_RADIAN
-    return 0.0 if angle_deg >= 360.0 else angle_deg
+    return wrap_two_pi(angle_rad) * DEGREES_PER_RADIAN  # the largest angle below 2 pi gives less than 360
 
 
 def clamp(value: float, low: float, high: float) -> float:
