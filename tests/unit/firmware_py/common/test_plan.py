@@ -40,6 +40,7 @@ HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
 
 def test_identity_is_zero_for_an_empty_plan_and_differs_for_each_change():
     assert Plan.of(PlanKind.RALLY, ()).identity == 0
+    assert Plans() == Plans(*(Plan.of(kind, ()) for kind in PlanKind))
     plan = Plan.of(PlanKind.MISSION, (HERE, HERE))
     assert plan.identity != 0
     assert Plan.of(PlanKind.MISSION, (PlanItem(16, y=762_503_330),)).identity == 1  # the CRC of this item is 0
