@@ -1,6 +1,10 @@
-from firmware_py.common.intents import Verdict
-from support.numbers import assert_mavlink_numbers
+from firmware_py.common import intents
+from support.numbers import assert_mavlink_numbers, assert_missing_values_are_empty
 
 
 def test_verdicts_are_the_results_of_mavlink():
-    assert_mavlink_numbers(Verdict, "MAV_RESULT_{}")
+    assert_mavlink_numbers(intents.Verdict, "MAV_RESULT_{}")
+
+
+def test_missing_values_of_a_request_are_empty():
+    assert_missing_values_are_empty(intents)

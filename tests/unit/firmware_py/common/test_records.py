@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common import records
-from support.numbers import assert_mavlink_numbers, assert_stored_numbers
+from support.numbers import assert_mavlink_numbers, assert_missing_values_are_empty, assert_stored_numbers
 
 
 def test_numbers_are_those_of_mavlink():
@@ -26,3 +26,7 @@ def test_numbers_are_those_of_mavlink():
 )
 def test_stored_numbers_do_not_change(kind, names):
     assert_stored_numbers(kind, names)
+
+
+def test_missing_values_of_a_record_are_empty():
+    assert_missing_values_are_empty(records, patience_s=15.0, alive=True)

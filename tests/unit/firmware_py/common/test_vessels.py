@@ -3,6 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
+from firmware_py.common import vessels
 from firmware_py.common.vessels import (
     Vessel,
     VesselIdentity,
@@ -11,7 +12,7 @@ from firmware_py.common.vessels import (
     is_distress_number,
     merge,
 )
-from support.numbers import assert_stored_numbers
+from support.numbers import assert_missing_values_are_empty, assert_stored_numbers
 
 ANNA = VesselIdentity(1.0, 7, "ANNA", "DA1", 70, (1, 2, 3, 4))
 NEAR = Vessel(VesselPosition(160.0, 7, VesselKind.CLASS_A, 0.1, 0.2, status=0), beside_s=100.0)
@@ -19,6 +20,10 @@ NEAR = Vessel(VesselPosition(160.0, 7, VesselKind.CLASS_A, 0.1, 0.2, status=0), 
 
 def test_stored_kinds_keep_their_numbers():
     assert_stored_numbers(VesselKind, "CLASS_A CLASS_B BASE_STATION MARK")
+
+
+def test_missing_values_of_a_vessel_are_empty_except_its_status():
+    assert_missing_values_are_empty(vessels, status=15)
 
 
 def test_distress_beacons_have_numbers_that_begin_with_970_972_or_974():
