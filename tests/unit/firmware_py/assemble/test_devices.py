@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.assemble import devices as module
 from firmware_py.assemble.devices import close_all, create_line, open_devices, open_lines, shared_port_warnings
+from firmware_py.common.records import DeviceRole
 from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import VehicleError, parse
@@ -91,6 +92,20 @@ def test_power_monitor_shares_the_port_of_compass_and_position(tmp_path, ports):
         assert senders == {191, 192, 193}
     finally:
         close_all(devices.lines)
+
+
+def test_second_compass_and_power_monitor_have_their_own_role_and_line(tmp_path):
+    def section(driver, name):
+        return {"driver": driver, "port": f"/dev/missing-{name}", "baud": 19200}
+
+    drivers = {"compass": "nmea", "rudder": "volz", "compass_b": "nmea", "power": "vedirect", "power_b": "vedirect"}
+    data = {name: section(driver, name) for name, driver in drivers.items()}
+    devices = open_devices(parse(data, tmp_path / "boat.toml"), wait=True)
+    sensors = (devices.compass, devices.compass_b, *devices.power)
+    roles = (DeviceRole.COMPASS, DeviceRole.COMPASS_B, DeviceRole.POWER, DeviceRole.POWER_B)
+    assert tuple(sensor.health(1.0).role for sensor in sensors) == roles
+    assert sorted(line.name for line in devices.lines) == sorted(entry["port"] for entry in data.values())
+    close_all(devices.lines)
 
 
 WEATHER = whole_sentence("WIMWV,30.0,R,5.0,M,A") + whole_sentence("SDDPT,12.0,0.5")

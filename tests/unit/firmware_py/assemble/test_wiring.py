@@ -137,6 +137,19 @@ def test_lockstep_has_the_time_of_the_laboratory_and_a_status_on_request(
     assembly.close()
 
 
+@pytest.mark.parametrize(("driver", "is_prompt"), [(None, True), ("nmea", True), ("bno08x_rvc", False)])
+@pytest.mark.parametrize("may_set_clock", [True, False])
+def test_second_compass_without_north_may_be_late(tmp_path, driver, is_prompt, may_set_clock):
+    second = "" if driver is None else f'[compass_b]\ndriver = "{driver}"\nport = "/dev/none-c"\nbaud = 115200\n'
+    (tmp_path / "boat.toml").write_text(VEHICLE + second)
+    options = Options(tmp_path / "state", wait=True, may_set_clock=may_set_clock)
+    assembly = assemble(load(tmp_path / "boat.toml"), options)
+    assembly.close()
+    parts = assembly.parts
+    assert (parts.compass_b_is_prompt, parts.compass_b is None, parts.tick_on_compass) == (is_prompt, not driver, True)
+    assert (parts.clock_setter is not None) is may_set_clock
+
+
 def test_nmea_output_gets_each_tick(vehicle, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
