@@ -1,6 +1,7 @@
 """Forms, priorities and queues of satellite messages."""
 
 import hashlib
+from itertools import islice
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -83,7 +84,7 @@ def test_batch_is_divided_into_frames_without_signatures():
     frames = [
         mavlink.MAVLink_ping_message(number, 0, 0, 0).pack(signer if number == 1 else STATION) for number in range(3)
     ]
-    assert list(split_batch(b"".join(frames))) == [frames[0], frames[1][:-13], frames[2]]
+    assert list(islice(split_batch(b"".join(frames)), 9)) == [frames[0], frames[1][:-13], frames[2]]
 
 
 def test_queues_are_limited_and_the_newest_reports_remain():
