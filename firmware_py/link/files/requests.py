@@ -86,7 +86,7 @@ class ReadingRequests:
         self._sessions.close_idle_if_full(call.client, call.request.session, call.now_s)
 
         def open_session(source: PlainFile | PackedFile | bytes) -> bytes:
-            file = OpenFile(parts, source)
+            file = OpenFile(source)
             try:
                 self._sessions.close_idle_if_full(call.client, call.request.session, call.now_s)
             except Refusal:

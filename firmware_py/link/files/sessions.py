@@ -50,11 +50,10 @@ class OpenFile:
     Bytes that are appended later are not read.
     """
 
-    __slots__ = ("_content", "_file", "path", "size")
+    __slots__ = ("_content", "_file", "size")
 
-    def __init__(self, path: PathParts, source: PlainFile | PackedFile | bytes) -> None:
+    def __init__(self, source: PlainFile | PackedFile | bytes) -> None:
         """Begin with an open file of the disk, or with the bytes of a generated file."""
-        self.path = path
         self._file = None if isinstance(source, bytes) else source
         self._content = source if isinstance(source, bytes) else b""
         self.size = len(source) if isinstance(source, bytes) else source.size

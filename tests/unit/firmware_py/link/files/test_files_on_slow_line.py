@@ -1,5 +1,7 @@
 """Burst reads of file transfer on a slow or blocked line."""
 
+import os
+
 import pytest
 
 END = 6
@@ -64,6 +66,19 @@ def test_repeated_burst_continues_and_another_one_replaces_it(disk, stored, sequ
         assert after == list(range(before[-1] + 8, after[-1] + 8, 8))
     else:
         assert after[-1] > 640
+
+
+def test_burst_of_a_file_that_has_become_shorter_ends(disk, stored):
+    rig, client = stored(byte_rate=5760.0, has_radio_rates=True)
+    client.ask(OPEN, LOG)
+    client.all(BURST, size=8)
+    os.truncate(disk / LOG, 0)
+    assert len(client.replies(rig.ticks(20))) < 9  # those that were queued
+    with (disk / LOG).open("r+b") as log:
+        log.write(CONTENT)
+    assert client.replies(rig.ticks(20)) == []
+    client.all(BURST, size=8)
+    assert len(client.replies(rig.ticks(20))) > 9
 
 
 def test_session_of_a_long_burst_remains_open(disk, stored):
