@@ -176,6 +176,9 @@ def test_new_plan_is_acknowledged_when_the_record_with_its_progress_is_stored(ri
     answers = []
     other = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])
     rig.autopilot.replace_plan(Request(rig.t_s, ReplacePlan(other)), answers.append)
+    rig.writer.plans.pop()(False)
+    assert (answers.pop().verdict, rig.autopilot.plans().mission) == (Verdict.FAILED, MISSION)
+    rig.autopilot.replace_plan(Request(rig.t_s, ReplacePlan(other)), answers.append)
     rig.writer.plans.pop()(True)
     assert rig.writer.records[-1].mission.index == 0
     assert answers == []

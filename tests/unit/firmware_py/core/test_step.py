@@ -5,7 +5,6 @@ import math
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from firmware_py.common.intents import (
     Arm,
@@ -149,47 +148,6 @@ def test_shaft_angle_includes_centre_and_direction_of_the_servo():
     output = boat.run(2.0)
     assert output.command.shaft_rad == pytest.approx(math.radians(10.0 - 30.0), rel=1e-6)
     assert output.snapshot.rudder_rad == pytest.approx(math.radians(30.0), rel=1e-3)
-
-
-@pytest.mark.parametrize(("armed", "min_m", "max_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
-def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m):
-    boat = Boat(noise_rad=0.01)
-    boat.position, boat.position_ticks = FIX, 10
-    boat.get_under_way().tick(SteerHeading(0.5))
-    boat.run(60.0)
-    boat.tick(Arm(armed=armed))
-    fix, boat.position = boat.state.position.fix, None
-    boat.run(60.0)
-    place = boat.state.position
-    north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
-    east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
-    assert min_m <= math.hypot(north_m, east_m) <= max_m
-    assert boat.events.count("Dead reckoning started: position error grows") == armed
-
-
-@pytest.mark.parametrize(("armed", "gap_s", "is_reported"), [(1, 58, False), (1, 62, True), (0, 62, False)])
-def test_fix_after_more_than_a_minute_of_dead_reckoning_is_reported(armed, gap_s, is_reported):
-    state, texts = State.at_start(ParameterSet().replaced("BOOT_ARM", armed)), []
-    for second in range(20 + gap_s + 2):
-        has_fix = second <= 20 or second >= 20 + gap_s
-        fixes = (PositionSample(float(second), FixType.FIX_3D, 0.5, 0.5),) if has_fix else ()
-        state, output = step(state, Inputs(Tick(second, float(second), 0.0, 0, 1.0), positions=fixes))
-        texts += [event.text for event in output.events]
-    assert (
-        [text for text in texts if text.startswith("GPS recovered after 1 min: position error")] != []
-    ) is is_reported
-
-
-@pytest.mark.parametrize(("armed", "used_until_s", "reports"), [(1, 61.0, 1), (0, 99.0, 0)])
-def test_stuck_position_is_reported_and_not_used_while_armed(armed, used_until_s, reports):
-    """A velocity of 0.5 m/s has moved the boat by more than 30 m after a minute."""
-    state, texts = State.at_start(ParameterSet().replaced("BOOT_ARM", armed)), []
-    for second in range(100):
-        fix = replace(FIX, t_s=float(second), speed_over_ground_m_s=0.5, course_over_ground_rad=0.0)
-        state, output = step(state, Inputs(Tick(second, float(second), 0.0, 0, 1.0), positions=(fix,)))
-        texts += [event.text for event in output.events]
-    assert state.position.fix.t_s == used_until_s
-    assert texts.count("GPS position unchanged for 1 min: static hold?") == reports
 
 
 def test_boot_arm_and_boot_mode_set_the_initial_state():

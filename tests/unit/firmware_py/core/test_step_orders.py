@@ -23,14 +23,10 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import (
     FixType,
-    Inputs,
     PositionSample,
-    Tick,
 )
-from firmware_py.common.reports import Home
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
-from firmware_py.core.step import step
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.plans.items import Command
 from support.tick_boat import FIX, Boat
@@ -142,88 +138,6 @@ def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
     boat.run(2.0)
     fence_texts = [text for text in boat.events if "ence " in text and "loiter" not in text]
     assert [text for text in fence_texts if "reach" not in text] == [expected]
-
-
-WRONG_POSITION, RIGHT_POSITION = (0.0, 0.1), (0.5, 0.2)
-
-
-HOME = (0.4, 0.1)
-
-
-def fixes(place, start_s, end_s, step_s=1):
-    return [(float(t_s), *place) for t_s in range(start_s, end_s, step_s)]
-
-
-@pytest.mark.parametrize(
-    ("positions", "set_s", "expected"),
-    [
-        (fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100), None, [WRONG_POSITION, RIGHT_POSITION]),
-        (
-            fixes(WRONG_POSITION, 0, 20) + fixes(RIGHT_POSITION, 20, 100),
-            10.0,
-            [WRONG_POSITION, HOME],
-        ),  # a commanded home is not changed
-        (fixes(RIGHT_POSITION, 0, 3), 0.0, [HOME]),
-        # A wrong first position is corrected for half an hour.
-        (
-            fixes(WRONG_POSITION, 10_000, 11_700, 10) + fixes(RIGHT_POSITION, 11_700, 11_900, 10),
-            None,
-            [WRONG_POSITION, RIGHT_POSITION],
-        ),
-        (fixes(WRONG_POSITION, 10_000, 11_900, 10) + fixes(RIGHT_POSITION, 11_900, 12_100, 10), None, [WRONG_POSITION]),
-        # Later errors do not change home.
-        (
-            fixes(RIGHT_POSITION, 0, 1900, 10) + fixes(WRONG_POSITION, 1900, 2000) + fixes(RIGHT_POSITION, 2000, 2001),
-            None,
-            [RIGHT_POSITION],
-        ),
-    ],
-)
-def test_home_is_the_corrected_first_position_unless_it_is_set(positions, set_s, expected):
-    state, homes = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
-    for index, (t_s, *place) in enumerate(positions):
-        requests = (Request(t_s, SetHome(*HOME, 0.0)),) if t_s == set_s else ()
-        samples = (PositionSample(t_s, FixType.FIX_3D, *place, 3.0),)
-        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), samples, (), (), requests))
-        homes.append(output.snapshot.home)
-    altitudes_m = {WRONG_POSITION: 3.0, RIGHT_POSITION: 3.0, HOME: 0.0}
-    assert list(dict.fromkeys(homes)) == [Home(*place, altitudes_m[place]) for place in expected]
-
-
-def test_rtl_steers_to_the_corrected_home():
-    boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
-    boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG_POSITION)
-    output = boat.get_under_way(Mode.RTL).run(1.0)
-    assert (
-        output.snapshot.navigation.target_latitude_rad,
-        output.snapshot.navigation.target_longitude_rad,
-    ) == WRONG_POSITION
-    boat.position = PositionSample(0.0, FixType.FIX_3D, *RIGHT_POSITION)
-    output = boat.run(20.0)
-    target = output.snapshot.navigation
-    assert (target.target_latitude_rad, target.target_longitude_rad) == pytest.approx(RIGHT_POSITION, abs=1e-5)
-    boat.tick(SetHome(0.50001, 0.2, 0.0))
-    assert boat.run(1.0).snapshot.navigation.target_latitude_rad == 0.50001
-
-
-def test_home_is_the_first_fix_until_it_is_set():
-    state = State.at_start(ParameterSet())
-
-    def tick(index, *intents, latitude_rad=None):
-        nonlocal state
-        t_s = 0.1 * index
-        positions = () if latitude_rad is None else (PositionSample(t_s, FixType.FIX_3D, latitude_rad, 0.2, 3.0),)
-        requests = tuple(Request(t_s, intent) for intent in intents)
-        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 10.0), (), positions, (), (), requests))
-        return output.snapshot.home
-
-    assert tick(0, SetHome()) is None
-    assert tick(1, latitude_rad=0.5) == Home(0.5, 0.2, 3.0)
-    assert tick(2, latitude_rad=0.500001) == Home(0.5, 0.2, 3.0)
-    assert tick(3, SetHome()) == Home(0.500001, 0.2, 3.0)
-    assert tick(4, SetHome(0.1, -0.3, 2.0)) == Home(0.1, -0.3, 2.0)
-    for invalid in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
-        assert tick(5, invalid) == Home(0.1, -0.3, 2.0)
 
 
 @pytest.mark.parametrize(
