@@ -111,6 +111,16 @@ def test_turn_has_the_commanded_direction():
     assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.02)
 
 
+def test_guidance_has_no_place_before_the_first_fix():
+    boat = Boat()
+    boat.run(1.0)
+    assert boat.state.guidance.fence.place is None
+    boat.position = FIX
+    boat.run(1.0)
+    place = boat.state.guidance.fence.place
+    assert (place.latitude_rad, place.longitude_rad) == pytest.approx((0.5, 0.5), abs=1e-6)
+
+
 def test_position_goal_is_approached():
     boat = Boat()
     boat.position, boat.position_ticks = FIX, 10
