@@ -41,6 +41,8 @@ def test_the_watchdog_is_reset_every_two_seconds_and_disarmed_at_the_end(device)
         watchdog.notify_alive(tenth / 10.0)
     watchdog.disarm()
     assert read_until_disarmed() == b"\0" * (1 + round(4.0 / INTERVAL_S)) + b"V"
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(watchdog._descriptor)
 
 
 @pytest.mark.parametrize(("granted_s", "note"), [(TIMEOUT_S, ""), (60, "60 s instead of 15 s")])

@@ -86,6 +86,24 @@ def test_import_is_pending_until_it_ends(tmp_path):
         pending_import(tmp_path)
 
 
+@pytest.mark.parametrize("can_remove", [True, False])
+def test_import_that_may_be_incomplete_is_removed_or_reported(tmp_path, monkeypatch, can_remove):
+    def fail_after_writing(path, content, _mode):
+        path.write_bytes(content)
+        raise OSError(5, "Input/output error")
+
+    def fail(_path):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("firmware_py.system.state_export.write_atomically", fail_after_writing)
+    if not can_remove:
+        monkeypatch.setattr(os, "unlink", fail)
+    text = "Input/output error" + ("" if can_remove else "; the next start may find it nevertheless")
+    with pytest.raises(OSError, match=f"{text}$"):
+        begin_import(tmp_path, EXPORT)
+    assert (tmp_path / "import.awaited").exists() is not can_remove
+
+
 def test_secrets_of_an_ended_import_are_overwritten(tmp_path, monkeypatch):
     begin_import(tmp_path, EXPORT)
     monkeypatch.setattr(os, "unlink", lambda _path: None)
