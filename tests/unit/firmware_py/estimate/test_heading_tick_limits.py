@@ -26,7 +26,6 @@ SETTINGS = HeadingSettings.of(ParameterSet())
 # Wave yaw of 5 deg with a period of 6 s; compass noise of 0.1 deg.
 LEVELS = PRIOR._replace(wave_sd=math.log(5.0 * RAD), wave_period=math.log(6.0), compass_noise=math.log(0.1 * RAD))
 MOTION = heading_model.begin(1.0, LEVELS)._replace(p00=(1.0 * RAD) ** 2, p03=(0.5 * RAD) ** 2, p33=(2.0 * RAD) ** 2)
-SD_RAD = RAD * math.sqrt(1.0 + 0.5 + 4.0 + 0.01)  # of the compass heading
 # A compass in use that has measured since 0 s, at 100 s.
 COMPASS = CompassState(
     100.0, 1.0, 100.0, 100.0, 0.0, 0.0, 0.0, 1.0, False, 0.0, True, 1.0, HeadingPlateau(), CompassTurns(0.1 * RAD, 0.0)
@@ -82,7 +81,9 @@ def test_constant_number_contradicts_a_motion_that_differs_by_some_standard_devi
     ratio, swings, sds, sign, share, is_contradicted
 ):
     compass = constant(3.0, offset_rad=0.2, turns=CompassTurns(0.1 * RAD, 0.0, swings), sound_since_s=90.0)
-    motion = MOTION._replace(heading_rad=1.3 + sign * share * max(sds * SD_RAD, 5.0 * RAD), wave_rad=-0.1)
+    variances = {"p00": (3.0 * RAD) ** 2, "p03": (1.5 * RAD) ** 2, "p33": (6.0 * RAD) ** 2}
+    sd_rad = RAD * math.sqrt(9.0 + 4.5 + 36.0 + 0.01)  # of the compass heading
+    motion = MOTION._replace(heading_rad=1.3 + sign * share * sds * sd_rad, wave_rad=-0.1, **variances)
     assert heading_tick.is_contradicted(tick_of(compass), compass, motion, ratio) is is_contradicted
 
 

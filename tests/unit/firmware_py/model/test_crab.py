@@ -70,3 +70,12 @@ def test_heading_changes_little_when_the_current_exceeds_the_speed(course_rad, d
         for ratio in (0.97, 1.03)
     )
     assert abs(math.remainder(faster_rad - slower_rad, 2.0 * math.pi)) < math.radians(8.4)
+
+
+def test_rounding_of_a_course_along_the_current_is_no_error():
+    """At these angles the component of the current along its own direction is larger than its speed, by rounding."""
+    for current_rad in (0.08, 0.17):
+        north_m_s, east_m_s = math.cos(current_rad), math.sin(current_rad)
+        for course_rad in (current_rad, current_rad + math.pi):
+            heading_rad = heading_for_course(course_rad, 0.5, north_m_s, east_m_s)
+            assert math.cos(heading_rad - course_rad) == pytest.approx(1.0)
