@@ -64,6 +64,7 @@ def test_converted_messages_have_the_length_of_mavlink1(sent_numbers):
     for number in numbers:
         size = mavlink1.mavlink_map[number].unpacker.size
         frame = stamp(to_mavlink1(Codec(1, 1).pack_payload(number, bytes(range(1, 256))[:size])), 7)
+        assert len(frame) == 6 + size + 2
         decoded = mavlink1.MAVLink(None).decode(bytearray(frame))
         assert (decoded.get_msgId(), decoded.get_seq(), decoded.get_srcSystem()) == (number, 7, 1)
 
