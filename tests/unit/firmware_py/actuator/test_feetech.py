@@ -428,6 +428,7 @@ def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fa
     for _ in range(3):  # torque, state, reading
         line.inbox += servo.handle(line.written[-1])
         rudder.receive(1.021)
+    rudder.command(RudderCommand(0.1, False), 1.04)
     assert line.written[-1][4:6] == bytes((2, 40))
     assert not rudder.needs_prompt_io()  # without torque no goal is due
 
