@@ -40,8 +40,8 @@ Report = Callable[[str], None]
 class Permissions(msgspec.Struct, frozen=True):
     """Exceptions that the operator permits: update while armed, update to an older version."""
 
-    armed: bool = False
-    older: bool = False
+    armed: bool
+    older: bool
 
 
 def update(

@@ -35,7 +35,7 @@ class Area(msgspec.Struct, frozen=True):
     corners: tuple[Point, ...]
     radius_m: float
     inclusion: bool
-    group: int = 0
+    group: int
 
 
 class Fence(msgspec.Struct, frozen=True):

@@ -89,7 +89,7 @@ def status_file(data):
             for text_line in command._status_lines(message):
                 assert text_line.isprintable()
         with contextlib.suppress(UpdateError), patch.object(update, "find_status", lambda *_: status_found):
-            update._check_unarmed(state, update.Permissions())
+            update._check_unarmed(state, update.Permissions(armed=False, older=False))
         history = History()
         new = Feed(history, lambda: status_found, dict).poll()
         json.loads(history.all_data(), parse_constant=reject_constant)

@@ -67,7 +67,7 @@ def run_update(place):
     os.sync = lambda: None  # it would sync all disks of the machine
     update.self_check = lambda candidate: iter([str(candidate.environment.program.stat().st_size)])
     installation = Installation(ProgramLink(place / "bin/rambler"), place / "boat.toml", place / "state")
-    update.update(installation, place / "new.bundle", None, Permissions(), lambda _text: None)
+    update.update(installation, place / "new.bundle", None, Permissions(armed=False, older=False), lambda _text: None)
 
 
 class Steps:

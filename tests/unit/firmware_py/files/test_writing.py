@@ -75,8 +75,10 @@ def test_file_is_replaced_whatever_an_interrupted_write_has_left(umask, tmp_path
     LEFT_BY_A_KILL[left](tmp_path / ".file.new")
     monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(Path(f"/proc/self/fd/{descriptor}").readlink()))
+    open_count = len(list(Path("/proc/self/fd").iterdir()))
     write_atomically(path, b"content")
     assert (path.read_bytes(), mode(path)) == (b"content", FILE_MODE)
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_count
     assert synced == [tmp_path / ".file.new", tmp_path]
     write_atomically(path, b"secret", PRIVATE_MODE)
     assert (path.read_bytes(), mode(path)) == (b"secret", PRIVATE_MODE)

@@ -155,8 +155,10 @@ def test_a_missing_runtime_directory_is_no_error(tmp_path, has_directory):
     EndingRecorder(tmp_path / "missing" if has_directory else None).record_reason("reason")
 
 
-def test_record_has_a_version():
-    assert msgspec.msgpack.decode(to_bytes(Endings()))["version"] == 1
+def test_new_record_has_a_version_and_no_endings():
+    record = {"counts": {}, "last": [], "running": False, "is_young": False, "failed": False, "early": 0, "version": 1}
+    assert msgspec.msgpack.decode(to_bytes(Endings())) == record
+    assert Ending("killed") == Ending("killed", "", 0.0)
 
 
 def test_endings_are_counted_and_the_last_ones_stored():
