@@ -31,7 +31,7 @@ class HeadingControllerInput(msgspec.Struct, frozen=True):
     estimate: HeadingEstimate | None
     command_rad: float
     step_s: float
-    gain_reduction: float = 1.0
+    gain_reduction: float
 
 
 Controller = Callable[[LawState, HeadingControllerInput], tuple[LawState, float | None]]

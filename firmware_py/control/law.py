@@ -175,7 +175,7 @@ def stopping_angle(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float
 
 
 def advance_reference(
-    ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float, gain_reduction: float = 1.0
+    ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float, gain_reduction: float
 ) -> Reference:
     """Advance the reference by a step towards a goal that is error_rad from it, with a limited lead over heading_rad.
 
@@ -292,7 +292,7 @@ def demand(
     bias_rad: float,
     error_rad: float,
     step_s: float,
-    gain_reduction: float = 1.0,
+    gain_reduction: float,
 ) -> tuple[Reference, float, float]:
     """Advance the reference; return it, the rudder demand [rad] and the half-width of the deadband about it [rad].
 

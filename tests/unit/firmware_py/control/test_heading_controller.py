@@ -22,7 +22,7 @@ def settings(mode):
 
 
 def steer(mode, error_rad, *, estimate=ESTIMATE, state=INITIAL_STATE, command_rad=0.0):
-    return update(settings(mode), state, HeadingControllerInput(error_rad, 0.01, estimate, command_rad, 0.1))
+    return update(settings(mode), state, HeadingControllerInput(error_rad, 0.01, estimate, command_rad, 0.1, 1.0))
 
 
 def test_each_choice_of_ctl_mode_has_a_controller():

@@ -87,10 +87,10 @@ def test_lead_over_a_boat_that_does_not_follow_is_limited():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_feedforward_is_at_least_5_deg_whatever_the_bias(sign):
     """With a bias of the whole rudder angle, a wrong one, the boat could otherwise not turn to this side."""
-    reference = advance_reference(ship_at(0.4, sign * LIMIT_RAD), Reference(0.0, 0.0), sign * 1.0, 0.0, 0.1)
+    reference = advance_reference(ship_at(0.4, sign * LIMIT_RAD), Reference(0.0, 0.0), sign * 1.0, 0.0, 0.1, 1.0)
     assert reference.feedforward_rad == pytest.approx(sign * math.radians(5.0))
     small_bias_rad = sign * math.radians(24.0)
-    reference = advance_reference(ship_at(0.4, small_bias_rad), Reference(0.0, 0.0), sign * 1.0, 0.0, 0.1)
+    reference = advance_reference(ship_at(0.4, small_bias_rad), Reference(0.0, 0.0), sign * 1.0, 0.0, 0.1, 1.0)
     assert reference.feedforward_rad == pytest.approx(sign * math.radians(6.0))
 
 
@@ -101,10 +101,10 @@ def test_rudder_at_the_stopping_angle_brakes_with_a_share_of_the_yaw_rate(rate_r
     ship = ship_at(0.4, bias_rad)
     brake_rad = 0.8 * (LIMIT_RAD + math.copysign(bias_rad, rate_rad_s))
     error_rad = stopping_angle(ship, rate_rad_s, brake_rad)
-    reference = advance_reference(ship, Reference(0.0, rate_rad_s), error_rad, 0.0, 0.1)
+    reference = advance_reference(ship, Reference(0.0, rate_rad_s), error_rad, 0.0, 0.1, 1.0)
     assert reference.feedforward_rad == pytest.approx(-0.55 * rate_rad_s / ship.turning_ability_1_s)
 
 
 def test_rudder_is_proportional_below_a_remaining_angle_of_5_6_deg():
-    reference = advance_reference(ship_at(0.4), Reference(0.0, 0.0), math.radians(2.8), 0.0, 0.1)
+    reference = advance_reference(ship_at(0.4), Reference(0.0, 0.0), math.radians(2.8), 0.0, 0.1, 1.0)
     assert reference.feedforward_rad == pytest.approx(0.5 * LIMIT_RAD)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from firmware_py.control import law
-from firmware_py.control.heading_controller import HeadingControllerInput
 from firmware_py.estimate import deviation_filter, gyro, heading_tick, water, water_results, wind
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.heading_model import Motion, NoiseLevels
@@ -52,7 +51,6 @@ def numbers(value):
         (water_results.DeadReckoning()[5:], []),
         (wind.Motion(None, 0.0, 0.0), []),
         (law.IDLE, []),
-        (HeadingControllerInput(0.0, 0.0, None, 0.0, 0.0), [1.0]),
     ],
 )
 def test_initial_state_is_zero_apart_from_prior_values(record, expected):
