@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -78,14 +79,14 @@ class BenchDevice:
     driver: Compass | Position | Rudder | Power | Vessels | Wind | Depth | RudderAngle | None = None
     error: str = ""
     sample_count: int = 0
-    first_sample_s: float | None = None
+    first_sample_s: float = math.inf
     last_sample: Sample | None = None
     health: DeviceHealth | None = None
     line: Line | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
         """Return the mean sample rate; None before the samples cover MIN_RATE_DURATION_S."""
-        if self.last_sample is None or self.first_sample_s is None or self.sample_count < 2:
+        if self.last_sample is None:
             return None
         duration_s = self.last_sample.t_s - self.first_sample_s
         return (self.sample_count - 1) / duration_s if duration_s >= MIN_RATE_DURATION_S else None
@@ -175,7 +176,7 @@ class BenchSession:
         samples: Sequence[Sample] = device.driver.poll()
         device.health = device.driver.health(now_s)
         if samples:
-            device.first_sample_s = samples[0].t_s if device.first_sample_s is None else device.first_sample_s
+            device.first_sample_s = min(device.first_sample_s, samples[0].t_s)
             device.sample_count += len(samples)
             device.last_sample = samples[-1]
         return samples
