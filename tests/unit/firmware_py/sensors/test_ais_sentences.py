@@ -105,6 +105,15 @@ def test_late_part_is_rejected():
         assemble(part(2, sequence=b"4"), 110.1, assembler)
 
 
+def test_complete_messages_do_not_replace_an_incomplete_one():
+    assembler = Assembler()
+    assemble(part(1), 0.0, assembler)
+    for number in range(16):
+        stream = part(1, channel=b"%d" % number) + part(2, channel=b"%d" % number)
+        assert len(assemble(stream, 1.0, assembler)) == 1
+    assert len(assemble(part(2), 2.0, assembler)) == 1
+
+
 def test_oldest_of_more_than_sixteen_incomplete_messages_is_dropped():
     assembler = Assembler()
     for number in range(17):

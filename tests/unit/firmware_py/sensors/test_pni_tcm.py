@@ -158,6 +158,15 @@ def test_reopened_port_is_set_up_at_once(line, deliver, compass, pni_heading, se
     assert [frame[3] for frame in line.written if frame[2] == 24][:4] == [0, 0, 1, 0]
 
 
+def test_set_up_begins_again_after_a_cancelled_calibration(line, compass):
+    compass.receive(0.0)
+    compass.receive(COMMAND_INTERVAL_S)
+    assert compass.calibrate(0.06)
+    compass.cancel()
+    compass.receive(0.2)
+    assert frame_ids(line.written) == [22, 6, 11, 22]
+
+
 def test_command_is_repeated_after_a_blocked_line(line, compass):
     line.full = True
     compass.receive(0.0)
