@@ -75,6 +75,18 @@ def test_block_of_a_rejected_correction_is_read_again(conversation, servo):
     assert names[names.index("operating mode") + 1] == "settings"
 
 
+def test_each_lost_goal_is_read_with_another_length(conversation):
+    conversation.run(1.0)
+    driver, lengths = conversation.servo, []
+    for tick in range(1, 8):
+        driver.command(0.1, 1.0 + 0.1 * tick, torque_on=True)
+        request = driver.next_request(1.0 + 0.1 * tick)
+        driver.note_sent(request, 1.0 + 0.1 * tick)
+        driver.note_lost(request)
+        lengths.append(request.parameters)
+    assert lengths == [31, 35, 39, 43, 47, 83, 35]  # 83: with state and watchdog
+
+
 @pytest.mark.parametrize(
     ("code", "text"),
     [(1, "result fail"), (2, "instruction error"), (3, "CRC error"), (4, "range error"), (5, "length error"),

@@ -487,9 +487,10 @@ def test_failed_correction_is_repeated_every_two_seconds(writes, servo):
     assert writes(5.0) == [40]
 
 
-def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(writes, servo):
+@pytest.mark.parametrize("status", [1, 32])
+def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(writes, servo, status):
     writes(1.0)
-    servo.cut_torque(32)
+    servo.cut_torque(status)
     servo.ignored_addresses.add(40)
     assert writes(2.0) == [42]  # before the error is read
     assert writes(4.99) == []
