@@ -48,10 +48,9 @@ class SerialPort:
         self._path = path
         self._baud = baud
         self._silent_s = self._max_silence_s = silent_s
-        self._settings: list[object]  # this and the two below are set when the port is open
-        self._has_new_data: bool
-        self._last_data_s: float
-        self._next_check_s = 0.0
+        self._settings: list[object] = []
+        self._has_new_data = True
+        self._last_data_s = self._next_check_s = 0.0
         self._last_report_s = -math.inf
         self._port: serial.Serial | None = None
         self._fd = -1
