@@ -118,6 +118,8 @@ def test_vessels_beyond_256_between_two_polls_are_dropped_and_counted(line, rece
 def test_other_data_are_not_understood(deliver, receiver):
     deliver(receiver, b"\x80\xfe")
     assert receiver.health(1.0).text == "data not understood: wrong baud rate?"
+    receiver.receive(4.0)
+    assert receiver.health(4.0).text == ""
 
 
 @pytest.mark.parametrize("own_mmsi", [-1, 1_000_000_000])
