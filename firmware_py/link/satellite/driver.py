@@ -186,7 +186,6 @@ class SatelliteDriver:
                 self._remove_sent(bundle, now_s)
             if session.sent and not session.unread:
                 self._failures = self._ambiguous_failures = 0
-                self._next_s = now_s
                 self._due_since_s, self.blocked_reason = None, ""
                 if self._reported_blocked:
                     self._reported_blocked = False

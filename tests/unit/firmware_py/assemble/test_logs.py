@@ -8,6 +8,7 @@ import pytest
 from firmware_py.assemble import logs
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
+from firmware_py.sensors.receiver_time import TimeCorrectedPosition
 
 SIZES = {"LOG_FILE_MB": 3, "LOG_KEEP_MB": 500, "LOG_FREE_MB": 70, "LOG_KEEP_DAYS": 9}
 
@@ -48,3 +49,9 @@ def test_ground_stations_get_the_logs_of_an_existing_directory(parameters, tmp_p
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "00000007.BIN").touch()
     assert dict(root.catalogue()) == {7: tmp_path / "logs" / "00000007.BIN"}
+
+
+def test_times_of_a_receiver_are_corrected(tmp_path):
+    clock, receiver = SimpleNamespace(utc_s=lambda: 1.7e9), SimpleNamespace()
+    assert logs.with_corrected_times(None, clock, tmp_path, print) is None
+    assert isinstance(logs.with_corrected_times(receiver, clock, tmp_path, print), TimeCorrectedPosition)
