@@ -230,6 +230,7 @@ def test_client_has_six_sessions_and_those_idle_for_ten_seconds_are_closed(clien
     assert client.ask(OPEN, LOG, session=5).ok  # opens the same session again
     client.rig.now_s = 109.75
     assert client.ask(OPEN, LOG, session=6).error == (NO_SESSIONS,)
+    assert client.ask(OPEN, "logs/none", session=6).error == (NO_SESSIONS,)  # without use of the disk
     client.rig.now_s = 110.0
     client.ask(READ, session=0)
     assert client.ask(OPEN, LOG, session=6).ok
@@ -398,6 +399,7 @@ def test_number_of_open_uploads_is_limited_and_idle_ones_are_closed(client, uplo
         assert client.ask(CREATE, f"uploads/{number}", session=number).ok
         assert client.ask(WRITE, b"x", session=number).ok
     assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
+    assert client.ask(OPEN_WRITE, LOG, session=4).error == (NO_SESSIONS,)  # without use of the disk
     assert client.ask(OPEN, LOG, session=4).ok
     assert client.ask(CREATE, "uploads/3", session=3).ok  # opens the same session again
     client.rig.now_s = 109.75
