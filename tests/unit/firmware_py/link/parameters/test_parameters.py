@@ -10,6 +10,7 @@ from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from support.link import without_unrequested
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
@@ -122,6 +123,17 @@ def test_change_is_sent_to_all_peers(make_rig, of):
         (value,) = of(rig.replies(address), "PARAM_VALUE")
         assert (value.param_id, value.param_value) == ("CTL_K1", 41.5)
     assert rig.request_handler.intents == [SetParameter("CTL_K1", 41.5)]
+
+
+def test_change_by_satellite_is_sent_to_its_station_only(make_rig, of):
+    rig = make_rig(addresses=("one", "two"), options=LinkOptions(link_class=LinkClass.SATELLITE))
+    rig.tick()
+    rig.transport.inbox.append(("one", rig.frame(set_message(b"CTL_K1", 41.5))))
+    rig.endpoint.service(rig.now_s, [100])
+    sent = list(rig.transport.sent)
+    for address, values in (("one", [41.5]), ("two", [])):
+        rig.transport.sent = list(sent)
+        assert [value.param_value for value in of(rig.replies(address), "PARAM_VALUE")] == values
 
 
 @pytest.mark.parametrize("is_stored", [True, False])

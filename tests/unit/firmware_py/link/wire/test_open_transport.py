@@ -11,6 +11,7 @@ from firmware_py.link.wire.open_transport import RetriedTransport, open_transpor
 from firmware_py.link.wire.transport_udp import UdpTransport
 from firmware_py.link.wire.urls import PLAIN, LinkError, parse_url
 from support.line import FakeLine
+from support.link import MemoryTransport
 
 TIMEOUT_S = 30.0
 
@@ -70,7 +71,10 @@ def test_occupied_port_is_an_error_or_with_retry_a_report(occupied_url):
     with closing(open_transport(occupied_url, None, report_retry=reports.append)) as link:
         assert (link.descriptors(), link.addresses(), link.connections()) == ((), (), ())
         assert not link.send("station", b"x")
+        assert (link.receive(100), link.host("station")) == ((), "station")
+        assert "already in use" in link.blocked_reason
         link.poll(0.0)
+        link.drop("station")
     (text,) = reports
     assert "already in use" in text
     assert text.endswith("; it is tried again")
@@ -109,6 +113,24 @@ def test_retried_transport_delegates_after_it_is_opened():
         assert (link.has_radio_rates, link.byte_rate, link.connections(), link.blocked_reason) == (False, None, (), "")
         assert link.host(("127.0.0.1", 14550)) == "127.0.0.1"
     assert len(attempts) == 3
+
+
+def test_every_call_is_passed_on_to_the_opened_transport():
+    opened = MemoryTransport(addresses=(), options=PLAIN)
+    opened.connected, opened.inbox, opened.blocked_reason = ("client",), [("client", b"in")], "no route"
+    link = RetriedTransport(parse_url("udpin:127.0.0.1:14550"), lambda: opened, 0.001)
+    assert (link.descriptors(), link.addresses(), link.connections()) == ((100,), (), ("client",))
+    assert link.receive(100) == [("client", b"in")]
+    assert link.send("client", b"out")
+    assert opened.sent == [("client", b"out")]
+    opened.is_writable = False
+    assert not link.send("client", b"out")
+    assert (link.blocked_reason, link.host(("192.0.2.1", 5))) == ("no route", "192.0.2.1")
+    link.poll(5.0)
+    link.drop("client")
+    assert (opened.polled_s, opened.dropped) == (5.0, ["client"])
+    link.close()
+    assert opened.closed
 
 
 def test_opening_is_tried_every_five_seconds_and_the_caller_waits_for_one(monkeypatch, occupied_url):
