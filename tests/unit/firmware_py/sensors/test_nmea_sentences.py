@@ -105,6 +105,7 @@ def test_invalid_sentences_are_rejected(nmea, body):
 def test_sentences_that_are_not_in_the_table_are_none(nmea):
     assert decode(nmea("GPGSV,1,1,00")) is None
     assert decode(nmea("GPHDTX,1")) is None
+    assert decode(nmea("PASHR,1,2")) is None
     assert decode(nmea("PASHR,ARR,1,3,12,160159.00,123.45,123.45,-123.45,12.34")) is None
 
 

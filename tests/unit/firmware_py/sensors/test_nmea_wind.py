@@ -105,6 +105,9 @@ def test_apparent_wind_is_preferred_then_that_from_north(deliver, sensor):
     assert references(deliver(sensor, NORTH, BOW, MAGNETIC, now_s=7.1)) == [WindReference.NORTH]
     assert references(deliver(sensor, BOW, MAGNETIC, now_s=12.2)) == [WindReference.BOW]
     assert references(deliver(sensor, MAGNETIC, now_s=17.3)) == [WindReference.MAGNETIC]
+    over_water = "WIVWT,50.0,R,,,5.0,M,,"
+    used = references(deliver(sensor, over_water, MAGNETIC, BOW, now_s=30.0))
+    assert used == [WindReference.BOW_WATER, WindReference.BOW]
 
 
 def test_invalid_apparent_wind_does_not_suppress_a_valid_true_one(deliver, sensor):
