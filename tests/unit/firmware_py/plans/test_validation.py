@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.plans.items import CAMERA, PLACE_FRAMES, ROWS, TABLE, has_position, markdown
+from firmware_py.plans import items as module
+from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, has_position, markdown
 from firmware_py.plans.validation import PlanResult, problem_of
 from support.paths import ROOT
 
@@ -37,9 +38,9 @@ def test_commands_have_the_numbers_of_mavlink():
 
 def test_camera_commands_have_names_of_cameras():
     mavlink = pytest.importorskip("pymavlink.dialects.v20.common")
-    names = [entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if number in CAMERA]
+    names = [entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if number in module.CAMERA]
     words = ("ROI", "CAM", "VIDEO", "MOUNT", "SURVEY", "GIMBAL", "IMAGE", "TRIGGER", "STORAGE")
-    assert len(names) == len(CAMERA) == 30
+    assert len(names) == len(module.CAMERA) == 30
     assert [name for name in names if not any(word in name for word in words)] == []
 
 

@@ -101,6 +101,7 @@ def test_server_needs_a_numeric_address(name):
 
 def test_connection_to_a_server_is_read_until_it_ends():
     with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
         line = TcpLine(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         line.open()
         connection, _ = server.accept()
