@@ -64,7 +64,7 @@ class Worker:
 
     def poll(self) -> None:
         """Call the callbacks of the finished jobs."""
-        if self._wake_fd >= 0:
+        if self._thread is not None:
             # The event is read before the results, so that a later event is not lost.
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
