@@ -129,12 +129,12 @@ class DuplicateMessages:
 
     def __init__(self) -> None:
         """Start without messages."""
-        self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int, int], float]] = OrderedDict()
+        self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int | None, int], float]] = OrderedDict()
 
     def is_duplicate(self, station: Station, message: Message, now_s: float) -> bool:
         """Return whether a message is a duplicate of the latest of its type; otherwise store it as the latest."""
         key = (station, type(message).id, message.mission_type)
-        frame_key = (getattr(message, "count", 0), message.get_seq())
+        frame_key = (getattr(message, "count", None), message.get_seq())
         latest_key, received_s = self._latest.get(key, (None, 0.0))
         if frame_key == latest_key and now_s - received_s < _MAX_DUPLICATE_DELAY_S:
             return True

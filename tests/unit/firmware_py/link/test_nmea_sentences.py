@@ -63,7 +63,8 @@ def test_position_sentences_contain_time_and_velocity():
     assert (rmc.spd_over_grnd, rmc.true_course) == (0.97, 270.0)
     gga = replies("GGA")
     assert (gga.latitude, gga.longitude, gga.gps_qual, gga.num_sats) == (-33.5, 151.25, 1, "08")
-    assert (float(gga.horizontal_dil), gga.altitude) == (1.2, 12.5)
+    assert (float(gga.horizontal_dil), gga.altitude, gga.data[0]) == (1.2, 12.5, "000001.25")
+    assert replies("GGA", position_ok=False).data[0] == "000001.25"
     for fix, quality in ((FixType.DGPS, 2), (FixType.RTK_FIXED, 4), (FixType.RTK_FLOAT, 5)):
         assert replies("GGA", position=msgspec.structs.replace(FIX, fix=fix)).gps_qual == quality
     for satellites, text in ((None, ""), (-1, "00"), (99, "99"), (120, "99")):
