@@ -58,7 +58,7 @@ def measure(bench, *, amidships=False, can_ask=False, **parameters):
 def test_free_rudder_keeps_its_limit():
     proposed, values, _ = measure(SimulatedBench())
     assert proposed == {"RUD_LIMIT_DEG": 30.0}
-    assert (values["stopped"], values["reached_deg"]) == ([False, False], [36.0, 36.0])
+    assert (values["ready"], values["stopped"], values["reached_deg"]) == (True, [False, False], [36.0, 36.0])
 
 
 @pytest.mark.parametrize(
