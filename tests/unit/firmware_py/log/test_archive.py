@@ -53,6 +53,24 @@ def finish(path):
             pass
 
 
+def test_spans_are_read_as_one_file(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(bytes(range(100)))
+    descriptor = os.open(path, os.O_RDONLY)
+    spans = Spans(
+        (Span(descriptor, 10, 20), Span(descriptor, 50, 50), Span(descriptor, 0, 5), Span(descriptor, 90, 100))
+    )
+    expected = bytes((*range(10, 20), *range(5), *range(90, 100)))
+    assert spans.size == len(expected)
+    for begin in range(len(expected) + 2):
+        for count in range(len(expected) + 3):
+            assert spans.read(begin, count) == expected[begin : begin + count]
+    os.truncate(path, 95)
+    with pytest.raises(OSError, match="shorter"):
+        spans.read(0, 100)
+    os.close(descriptor)
+
+
 def test_a_log_is_replaced_by_an_archive_that_gzip_reads(log):
     for _ in archive_log(log):
         assert read_content(log.parent) == CONTENT  # at every step
@@ -190,24 +208,6 @@ def test_a_full_disk_leaves_the_log(log, monkeypatch):
     assert log.read_bytes() == CONTENT
     finish(log)
     assert read_content(log.parent) == CONTENT
-
-
-def test_spans_are_read_as_one_file(tmp_path):
-    path = tmp_path / "x"
-    path.write_bytes(bytes(range(100)))
-    descriptor = os.open(path, os.O_RDONLY)
-    spans = Spans(
-        (Span(descriptor, 10, 20), Span(descriptor, 50, 50), Span(descriptor, 0, 5), Span(descriptor, 90, 100))
-    )
-    expected = bytes((*range(10, 20), *range(5), *range(90, 100)))
-    assert spans.size == len(expected)
-    for begin in range(len(expected) + 2):
-        for count in range(len(expected) + 3):
-            assert spans.read(begin, count) == expected[begin : begin + count]
-    os.truncate(path, 95)
-    with pytest.raises(OSError, match="shorter"):
-        spans.read(0, 100)
-    os.close(descriptor)
 
 
 @pytest.mark.parametrize("kind", KINDS)
