@@ -2,10 +2,11 @@ import struct
 
 import pytest
 
-from firmware_py.log.dataflash import FMT, MULTIPLIERS, UNITS, Format, MessageType, Parser, decode_text, header
+from firmware_py.log.dataflash import FMT, UNITS, Format, MessageType, Parser, decode_text, header
 
 FMT_BYTES = 89
 TEXT_BYTES = 64
+PUBLISHED_FACTORS = {"-": 0.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6, "G": 1e-7}  # log_Multipliers of ArduPilot
 
 ONE = MessageType(200, "ONE", "TimeUS,A,B", "Qbd", "s-r", "F-0")
 TWO = MessageType(201, "TWO", "TimeUS,T", "QZ", "s-", "F-")
@@ -36,7 +37,7 @@ def test_header_describes_every_type_unit_and_multiplier():
     assert {chr(values["Id"]): decode_text(values["Label"]) for name, values in records if name == "UNIT"} == dict(
         UNITS
     )
-    assert {chr(values["Id"]): values["Mult"] for name, values in records if name == "MULT"} == dict(MULTIPLIERS)
+    assert {chr(values["Id"]): values["Mult"] for name, values in records if name == "MULT"} == PUBLISHED_FACTORS
     units = {values["FmtType"]: decode_text(values["UnitIds"]) for name, values in records if name == "FMTU"}
     assert units[200] == "s-r"
     assert parser.garbage_bytes == parser.tail_bytes == 0
