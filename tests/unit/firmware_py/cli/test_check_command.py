@@ -34,6 +34,7 @@ from firmware_py.common.records import (
     HeadingSample,
     NorthReference,
     PositionSample,
+    RudderCommand,
     WindReference,
     WindSample,
 )
@@ -394,12 +395,36 @@ def test_modem_has_twelve_seconds_for_its_reply(monkeypatch, reply_s, level, wai
     assert (polls_s[1], now_s[0]) == (pytest.approx(100.05), pytest.approx(100.0 + waited_s, abs=0.06))
 
 
-def test_devices_are_polled_ten_times_a_second():
-    times_s = [0.0]
+def test_devices_are_polled_ten_times_a_second_with_the_servo_released():
+    times_s, descriptors, commands, samples = (
+        [0.0],
+        [],
+        [],
+        iter([(WindSample(1.0, 3.0, 0.0, WindReference.NORTH),) * 3]),
+    )
+
+    def driver(descriptor):
+        return SimpleNamespace(
+            receive=lambda _now_s: None, poll=lambda: next(samples, ()), health=lambda now_s: now_s,
+            fileno=lambda: descriptor, command=lambda command, now_s: commands.append((command, now_s)),
+        )  # fmt: skip
+
+    def wait(end_s, waiting):
+        times_s.append(end_s)
+        descriptors.append(waiting)
+
     session = BenchSession(SimpleNamespace(**dict.fromkeys(SECTION_ORDER)))
-    session._clock = SimpleNamespace(now_s=lambda: times_s[-1], wait=lambda end_s, _descriptors: times_s.append(end_s))
-    assert len(list(islice(session.listen(2.95), 99))) == 30
+    drivers = {"wind": driver(7), "rudder": driver(-1), "compass": None}
+    session.devices = [BenchDevice(role, "x", "/dev/x", driver) for role, driver in drivers.items()]
+    session._clock = SimpleNamespace(now_s=lambda: times_s[-1], wait=wait)
+    polls = list(islice(session.listen(2.95), 99))
+    assert (len(polls), list(map(len, polls[:2]))) == (30, [3, 0])
+    assert descriptors == [[7]] * 30
     assert times_s[1] == pytest.approx(0.1)
+    assert commands == [(RudderCommand(0.0, torque_on=False), t_s) for t_s in times_s[:-1]]
+    wind, _, compass = session.devices
+    assert (wind.sample_count, wind.first_sample_s, wind.last_sample.t_s, wind.health) == (3, 1.0, 1.0, times_s[-1])
+    assert (compass.sample_count, compass.health) == (0, None)
 
 
 def test_devices_are_read_for_three_seconds(monkeypatch):
