@@ -194,7 +194,6 @@ class _Handler(BaseHTTPRequestHandler):
         }.items():
             self.send_header(name, value)
         self.end_headers()
-        self.close_connection = True
 
     def version_string(self) -> str:
         """Return a name without a version."""

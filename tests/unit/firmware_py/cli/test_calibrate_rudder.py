@@ -336,6 +336,7 @@ def test_centre_is_the_mean_over_all_courses(calibrate, tmp_path, reverse, centr
     code, values = calibrate("--save", str(path), reverse=reverse)
     assert (code, values["ready"]) == (0, True)
     assert values["mean_deg"] == pytest.approx(3.0, abs=0.1)
+    assert 0.0 < values["sd_deg"] < 1.0
     assert [values[name] for name in ("mean_deg", "sd_deg")] == [
         round(values[name], 3) for name in ("mean_deg", "sd_deg")
     ]

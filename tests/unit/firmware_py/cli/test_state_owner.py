@@ -61,6 +61,17 @@ def test_unreadable_state_is_refused_and_nothing_is_written(tmp_path, monkeypatc
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("words", [("plan", "load"), ("state", "import")], ids=lambda words: words[0])
+def test_only_the_owner_changes_the_state(tmp_path, monkeypatch, capsys, words):
+    (tmp_path / "state").mkdir()
+    file = tmp_path / "a.waypoints"
+    file.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n")
+    monkeypatch.setattr("firmware_py.cli.state_owner.os.geteuid", lambda: 54321)
+    assert main([*words, str(file), "--state", str(tmp_path / "state")]) == 2
+    assert "run this as that user" in capsys.readouterr().err
+    assert list((tmp_path / "state").iterdir()) == []
+
+
 def test_damage_is_reported_once(tmp_path, capsys):
     (tmp_path / "mission.plan.0").write_text("spoilt")
     assert main(["plan", "show", "--state", str(tmp_path)]) == 0

@@ -142,7 +142,9 @@ def test_an_existing_box_is_kept_and_a_log_without_a_tick_has_none(log):
     assert box_of(log) == first == HEADER + ticks(0, 3)
 
 
-@pytest.mark.parametrize(("data", "is_first"), [(HEADER, True), (ticks(0, 2), True), (HEADER + ticks(1, 2), False)])
+@pytest.mark.parametrize(
+    ("data", "is_first"), [(HEADER, True), (ticks(0, 2), True), (ticks(1, 2), False), (HEADER + ticks(1, 2), False)]
+)
 def test_the_first_log_of_a_run_starts_with_tick_0(log, data, is_first):
     log.write_bytes(data)
     assert is_first_of_run(log) is is_first

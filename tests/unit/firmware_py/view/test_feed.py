@@ -210,3 +210,5 @@ def test_columns_have_the_values_of_the_status_and_the_error_is_heading_minus_go
         (name for name in STATUS_COLUMNS if name != "error_deg"), 2.0
     )
     assert values["error_deg"] == -2.0
+    rig.advance(navigation={**sections["navigation"], "activity": "HEADING"})
+    assert rig.values()["cross_track_m"] is None  # no line

@@ -150,8 +150,8 @@ def test_stopped_server_sends_no_end_event(site):
 
 
 def test_reader_without_updates_receives_keep_alive_comments(site, monkeypatch):
-    reader = site.read()
     monkeypatch.setattr(server_module, "KEEPALIVE_S", 0.01)
+    reader = site.read()
     assert [reader.next()[0] for _ in range(3)] == ["whole", "", ""]
 
 
