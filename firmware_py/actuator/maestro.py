@@ -140,7 +140,7 @@ class MaestroServo:
         self._was_search = False
         self._last_reading_s = -math.inf
         self._newest: Request | None = None
-        self._lost_count = 0  # requests without reply since the last reply
+        self._has_lost_reply = False  # since the last reply
         self._is_silent = False
         self._restarts = 0
         self._error_text = ""
@@ -197,7 +197,7 @@ class MaestroServo:
 
     def note_lost(self, _request: Request) -> None:
         """Note that replies may be late; the next command repeats the target, and the errors are read again."""
-        self._lost_count += 1
+        self._has_lost_reply = True
 
     def matches(self, reply: int, request: Request) -> bool:
         """Return whether the request is the newest and the number possible: a pulse width or 0, or bits of errors.
@@ -212,8 +212,8 @@ class MaestroServo:
 
     def process_reply(self, request: Request, reply: int, sent_s: float, *, is_certain: bool) -> ReplyResult:  # noqa: ARG002 - only the newest request matches
         """Use a position, which is from before the target of the request, or the errors."""
-        may_be_late = self._lost_count > 0 and not self._is_silent
-        self._lost_count, self._is_silent = 0, False
+        may_be_late = self._has_lost_reply and not self._is_silent
+        self._has_lost_reply = self._is_silent = False
         if request.target is None:
             self._use_errors(reply, sent_s)
             return ReplyResult()

@@ -54,7 +54,7 @@ def read_numbers(layout: Layout, data: bytes) -> Values:
             number -= 1 << width
         # Some devices omit the last fields.
         is_valid = minimum <= number <= maximum and first_bit + width <= size
-        values[name] = (number if resolution == 1 else number * resolution) if is_valid else None
+        values[name] = number * resolution if is_valid else None
     return values
 
 

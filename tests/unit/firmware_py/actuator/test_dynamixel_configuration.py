@@ -170,6 +170,26 @@ def test_state_and_watchdog_alternate_every_quarter_second_and_later_if_there_is
     assert names == expected
 
 
+@pytest.mark.parametrize("readings_before", [1, 2, 3])
+def test_requested_state_is_the_next_slow_reading(readings_before):
+    readings = Readings(1, 0.04)
+    for now_s in (-1.0, 0.0):
+        readings.note_command(now_s)
+    for tick in range(readings_before):  # telemetry, state, watchdog
+        readings.note_sent(readings.next_request(0.25 * tick), 0.25 * tick)
+    readings.request_state()
+    assert readings.next_request(0.5).name == "state"
+
+
+def test_prompt_io_is_needed_for_the_goal_only_with_torque(conversation):
+    driver = conversation.servo
+    for now_s, torque_on in ((1.0, True), (1.1, True), (1.2, False), (1.3, False)):
+        driver.command(0.1, now_s, torque_on=torque_on)
+        assert driver.needs_prompt_io()
+        conversation.run(now_s, torque_on=torque_on)
+        assert not driver.needs_prompt_io()
+
+
 @pytest.mark.parametrize(("losses", "is_due"), [(2, True), (3, False)])
 def test_third_lost_combined_read_is_the_last(losses, is_due):
     readings = Readings(1, 0.04)
