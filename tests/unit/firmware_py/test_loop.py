@@ -85,6 +85,7 @@ class FakeLine:
 
     def reopen(self, now_s):
         self.reopen_times_s.append(now_s)
+        return "port a: Permission denied" if len(self.reopen_times_s) == 3 else ""
 
 
 def test_last_tick_opens_no_port(boat):
@@ -93,6 +94,9 @@ def test_last_tick_opens_no_port(boat):
     boat.lines = [line]
     run_for(boat, 1.0)
     assert line.reopen_times_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
+    problem = records.Event(records.Severity.WARNING, "port a: Permission denied")
+    reported = [number for number, (_, output, _) in enumerate(boat.recorder.ticks) if problem in output.events]
+    assert reported == [3]  # in the tick after the attempt
 
 
 def test_sample_is_read_when_it_arrives(boat):
