@@ -62,6 +62,11 @@ def test_torque_release_at_the_end_of_the_steps(steps, is_released):
     assert run(*steps).is_released is is_released
 
 
+@pytest.mark.parametrize(("end_s", "is_released"), [(0.5, False), (0.7, True)])
+def test_time_of_the_parameter_may_be_less_than_a_second(end_s, is_released):
+    assert run((end_s, ON), settings=TorqueReleaseSettings(release_after_s=0.5)).is_released is is_released
+
+
 def test_parameter_0_turns_the_torque_on():
     assert run((100.0, ON), settings=NEVER) == TorqueReleaseState(COMMAND_RAD)
     assert run(*RELEASED).released_since_s == 5.0
