@@ -86,9 +86,10 @@ def _start_search(settings: TaskSettings, task: HoldStation, plan: Plan) -> Loit
 
 
 def _is_connected(plan: Plan, placement: LoiterPlacement, offset_m: tuple[float, float], margin_m: float) -> bool:
-    """Return whether there is no fence between the requested centre and a candidate.
+    """Return whether there is certainly no fence between the requested centre and a candidate.
 
-    No fence is nearer to either end than the margin there. The gap between the two margins is checked at its middle.
+    No fence is nearer to either end than the margin there. In the gap between the two margins there is no fence if the
+    margin of its middle is at least half of the gap.
     """
     distance_m = math.hypot(*offset_m)
     from_m, to_m = abs(placement.requested_margin_m), distance_m - margin_m
@@ -96,7 +97,7 @@ def _is_connected(plan: Plan, placement: LoiterPlacement, offset_m: tuple[float,
         return True
     fraction = 0.5 * (from_m + to_m) / distance_m
     middle = placement.task.centre.at_offset(fraction * offset_m[0], fraction * offset_m[1])
-    return fence.margin_m(plan, middle) > 0.0
+    return fence.margin_m(plan, middle) >= 0.5 * (to_m - from_m)
 
 
 def _shrink(settings: TaskSettings, placement: LoiterPlacement) -> HoldStation:

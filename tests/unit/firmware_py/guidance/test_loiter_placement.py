@@ -52,7 +52,7 @@ SQUARE = polygon((-500, -500), (500, -500), (500, 500), (-500, 500))
 REEF = item(EXCLUDED_CIRCLE, 0, 0, 20)
 STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
 # The water has the form of a horseshoe: there is also water on the other side of the land.
-HORSESHOE = polygon((-400, -400), (400, -400), (400, 400), (5, 400), (5, -200), (-5, -200), (-5, 400), (-400, 400))
+HORSESHOE = polygon((-400, -400), (-400, 400), (400, 400), (400, 5), (-200, 5), (-200, -5), (400, -5), (400, -400))
 
 
 def place_circle(settings, task, items):
@@ -120,6 +120,14 @@ def test_circle_without_room_is_moved_if_the_margin_grows_enough(task_settings):
 def test_circle_is_not_moved_across_land(task_settings, north_m, east_m):
     placement = place_circle(task_settings, circle_at(north_m, east_m, 60.0), HORSESHOE)
     assert placement.margin_m > 60.0 + OVERSHOOT_M
+    assert circle_at(0, 0).centre.offset_m(placement.circle.centre)[1] > 5.0
+
+
+@pytest.mark.parametrize("east_m", [60, 70, 100])
+@pytest.mark.parametrize("west_m", [-300, -800])
+def test_circle_without_room_on_its_side_of_the_land_stays_there(task_settings, west_m, east_m):
+    items = polygon((-400, west_m), (-400, 140), (400, 140), (400, 5), (-200, 5), (-200, -5), (400, -5), (400, west_m))
+    placement = place_circle(task_settings, circle_at(100, east_m, 200.0), items)
     assert circle_at(0, 0).centre.offset_m(placement.circle.centre)[1] > 5.0
 
 
