@@ -61,9 +61,17 @@ def test_residual_is_that_of_current_and_speed_fitted_to_two_hours(speed_m_s, de
     assert math.isfinite(residual_rad([*rest, (14990.0, *rest[0][1:])], deviation))
 
 
-def take(estimator, t_s, heading_rad=1.0, velocity=(0.5, 1.0), source=0, utc_s=UTC_S):
-    headings = (HeadingSample(t_s, heading_rad % (2.0 * math.pi), NorthReference.MAGNETIC, source=source),)
-    fix = PositionSample(t_s, FixType.FIX_3D, 0.6, 2.1, 0.0, *velocity, utc_s=utc_s)
+def take(
+    estimator,
+    t_s,
+    heading_rad=1.0,
+    velocity=(0.5, 1.0),
+    source=0,
+    reference=NorthReference.MAGNETIC,
+    variation_rad=None,
+):
+    headings = (HeadingSample(t_s, heading_rad % (2.0 * math.pi), reference, variation_rad, source=source),)
+    fix = PositionSample(t_s, FixType.FIX_3D, 0.6, 2.1, 0.0, *velocity, utc_s=UTC_S)
     estimator.take(Inputs(Tick(0, t_s, 0.0, 0, 1.0), headings, (fix,)))
 
 
@@ -107,6 +115,13 @@ def test_another_run_begins_another_minute_and_continues_the_time():
         take(estimator, float(t_s))
     assert estimator.state.t_s == 39.0 + 60.0
     assert sum(estimator.state.sectors) == 1
+
+
+def test_implausible_variation_of_the_compass_is_replaced_by_the_declination():
+    estimator = DeviationEstimator(WEST)
+    for t_s in range(61):
+        take(estimator, float(t_s), reference=NorthReference.TRUE, variation_rad=math.radians(12.0))
+    assert estimator.state.last_minute[1] == pytest.approx(1.0 - math.radians(12.0 + 7.0))
 
 
 def test_report_has_the_progress_and_the_sectors_with_data():

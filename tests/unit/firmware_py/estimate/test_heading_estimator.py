@@ -70,10 +70,12 @@ def test_samples_of_unknown_sources_and_without_a_finite_time_are_ignored():
     for samples in ([(2, 3.0)], [(0, math.nan)], [(0, math.inf)]):
         after, texts = update(state, 1.1, *samples)
         assert (after.tick.filter, texts) == (state.tick.filter, [])
+        assert after.tick.sources.compasses[0].t_s == state.tick.sources.compasses[0].t_s
     sample = HeadingSample(math.nan, 2.0, NorthReference.TRUE)
     settings = HeadingEstimatorSettings.of(PARAMETERS)
     after, _ = heading_estimator.update(settings, state, [sample], (), 0.0, TIMEOUTS, 1.1)
     assert after.tick.filter == state.tick.filter
+    assert after.tick.sources.compasses[0].t_s == state.tick.sources.compasses[0].t_s
 
 
 def test_only_the_compass_in_use_gives_the_heading_and_the_newest_one_the_attitude():

@@ -84,6 +84,7 @@ def test_filter_with_too_small_diffusion_is_rejected_and_its_deviation_grows(fac
     [
         (4.0, 3.0, 14.0, False, False),
         (40.0, 3.0, 14.0, False, True),  # a square counts as at most 25
+        (40.0, 2.15625, 16.0, False, False),  # a mean of exactly 3.5
         (3.5, 3.51, 25.0, False, True),
         (3.4, 3.49, 25.0, False, False),
         (2.0, 2.02, 25.0, True, True),
