@@ -76,6 +76,13 @@ def test_gap_or_a_tick_without_steering_begins_another_stretch(gap_s, steers, st
     assert sum(map(len, estimator.means_rad)) == stored
 
 
+def test_stretch_is_not_complete_with_a_tick_without_steering():
+    estimator = RudderCentreEstimator()
+    sail(estimator, 0.0, seconds=595.0)
+    estimator.take(tick(600.0), lambda rad: rad, steers=False)
+    assert not means(estimator)
+
+
 @pytest.mark.parametrize(
     ("sd_deg", "stretches", "sectors", "is_ready"),
     [(0.5, 12, 5, True), (0.51, 12, 5, False), (0.49, 11, 5, False), (0.49, 12, 4, False)],
