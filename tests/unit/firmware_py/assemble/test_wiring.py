@@ -18,6 +18,7 @@ from firmware_py.common.reports import Output
 from firmware_py.link.signing import KeyRecord, find_key, to_text
 from firmware_py.system.clock import machine_s
 from firmware_py.system.console import Console
+from firmware_py.system.serial_port import PortError
 from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, read_key
 from firmware_py.system.status_file import Freshness, find_status
 from firmware_py.system.store import Store
@@ -52,6 +53,12 @@ def start(vehicle, directory):
     values = assembly.parts.autopilot.parameters()
     assembly.close()
     return values
+
+
+def test_missing_port_is_an_error_unless_the_autopilot_waits(vehicle, tmp_path):
+    with pytest.raises(PortError, match="/dev/none-a"):
+        assemble(vehicle, Options(tmp_path / "state"))
+    Store(tmp_path / "state").close()  # it is not locked
 
 
 def test_starts_are_counted_and_the_vehicle_file_does_not_set_the_count(vehicle, tmp_path):

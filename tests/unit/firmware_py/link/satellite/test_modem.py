@@ -380,3 +380,14 @@ def test_last_credit_of_a_priority_is_used(used, size, calls, reports):
     else:
         modem.send(b"\r\nSBDRING\r\n")
     assert (len(modem.run(30).calls), len(modem.events)) == (calls, reports)
+
+
+@pytest.mark.parametrize(("spaces", "calls"), [(250, 1), (251, 0)])
+def test_last_256_bytes_of_an_unfinished_line_are_stored(spaces, calls):
+    modem = queue_report(ScriptedModem())
+    while modem.commands[-1:] != [(modem.now_s, SIGNAL)]:
+        modem.run(0.5)
+    modem.pending.clear()
+    modem.driver.feed(b"x" * 100 + b"+CSQ:5" + b" " * spaces, modem.now_s)
+    modem.driver.feed(b"\r\nOK\r\n", modem.now_s)
+    assert len(modem.run(5).calls) == calls

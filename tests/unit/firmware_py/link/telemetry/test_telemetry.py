@@ -441,6 +441,8 @@ def test_modes_and_protocol_have_their_numbers():
     assert [mode_of_standard(number) for number in (0, 5, 6, 7)] == [None, 11, 10, None]
     version = protocol_version()
     assert (version.version, version.min_version, version.max_version) == (200, 100, 200)
+    version = autopilot_version(Version())
+    assert (version.flight_sw_version, version.uid, bytes(version.flight_custom_version)) == (0, 0, bytes(8))
     version = vars(autopilot_version(Version(3, 4, 5, "0123456789", (1 << 65) + 7)))
     assert version.pop("capabilities") == 4 + 8 + 32 + 64 + 128 + 256 + 8192 + 16384 + 32768 + 131072
     assert version.pop("flight_sw_version") == 0x03040500
