@@ -227,7 +227,8 @@ def _read_link_urls(section: Mapping[str, Any], path: Path) -> tuple[str, ...]:
         "names": lambda: _check_names(section, ("urls",), f"{path}: [link]"),
         "urls": lambda: _read_texts(section.get("urls", []), f"{path}: [link] urls"),
     }
-    urls: tuple[str, ...] = _read_all(reads)[1]["urls"]
+    _, values = _read_all(reads)
+    urls: tuple[str, ...] = values["urls"]
     return urls
 
 
@@ -325,7 +326,8 @@ def _read_hull(data: Mapping[str, Any], path: Path) -> Hull:
         "names": lambda: _check_names(section, names, location),
         "hull": lambda: _read_record(Hull, {key: value for key, value in section.items() if key in names}, location),
     }
-    hull: Hull = _read_all(reads)[1]["hull"]
+    _, values = _read_all(reads)
+    hull: Hull = values["hull"]
     return hull
 
 

@@ -90,10 +90,6 @@ def parse_path(raw: bytes) -> tuple[PathParts, Query]:
     return parts, {name: value for name, _, value in pairs}
 
 
-def _find_no_logs() -> Mapping[int, Path]:
-    return {}
-
-
 class FileRoot(msgspec.Struct, frozen=True):
     """The directories of the disk that ground stations may read.
 
@@ -101,7 +97,7 @@ class FileRoot(msgspec.Struct, frozen=True):
     is being written. Only the directory `uploads` is writable. `background`: disk operations run on a separate thread.
     """
 
-    catalogue: Callable[[], Mapping[int, Path]] = _find_no_logs
+    catalogue: Callable[[], Mapping[int, Path]] = dict
     logs: Path | None = None
     uploads: Path | None = None
     logging: bool = False

@@ -443,6 +443,18 @@ def test_retry_gets_the_same_reply_and_is_not_executed_again(client, uploads, op
         assert (uploads / "a").read_bytes() == b"content"
 
 
+def test_duplicate_of_an_open_request_keeps_the_open_file(client, disk):
+    size = client.ask(OPEN, LOG, sequence=1).data
+    (disk / LOG).unlink()
+    (disk / LOG).write_bytes(b"new")
+    assert client.ask(OPEN, LOG, sequence=1).data == size
+    assert client.ask(READ, size=10).data == CONTENT[:10]
+    assert client.ask(TERMINATE, sequence=9).ok
+    assert client.ask(OPEN, LOG, sequence=2).data == bytes((3, 0, 0, 0))
+    assert client.ask(TERMINATE, sequence=9).ok  # a number that MAVProxy repeats
+    assert client.ask(READ).error == (SESSION,)
+
+
 def test_retry_of_a_removal_succeeds(client):
     client.put("uploads/a", b"")
     assert client.ask(REMOVE, "uploads/a", sequence=70).ok
