@@ -76,7 +76,7 @@ class Tree(msgspec.Struct, frozen=True):
 
 def parse_path(raw: bytes) -> tuple[PathParts, Query]:
     """Decode a path up to its first NUL; raise Refusal for characters, names or depths that are not allowed."""
-    text = raw.split(b"\0", 1)[0]
+    text = raw.partition(b"\0")[0]
     if not all(0x20 <= byte < 0x7F for byte in text):
         raise Refusal(Error.FAIL_ERRNO, errno.EINVAL)
     path, _, query = text.decode("ascii").partition("?")
