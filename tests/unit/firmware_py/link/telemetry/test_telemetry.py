@@ -117,6 +117,9 @@ def test_global_position_is_the_fix(build):
     incomplete["position"] = msgspec.structs.replace(FIX, course_over_ground_rad=None)
     position = build("GLOBAL_POSITION_INT", **incomplete)
     assert (position.relative_alt, position.vx, position.vy) == (0, 50, 0)
+    incomplete["position"] = msgspec.structs.replace(FIX, course_over_ground_rad=math.inf)
+    position = build("GLOBAL_POSITION_INT", **incomplete)
+    assert (position.vx, position.vy) == (0, 0)
 
 
 def test_dead_reckoning_is_sent_without_a_fix(build):
