@@ -199,6 +199,7 @@ def test_open_for_writing_creates_the_file(client, uploads):
 def test_reading_needs_an_open_session(client):
     client.ask(OPEN, LOG)
     assert client.ask(READ, session=1).error == (SESSION,)
+    assert client.ask(WRITE, b"x").error == (SESSION,)  # it is open for reading
     assert client.ask(TERMINATE).ok
     assert client.ask(READ).error == (SESSION,)
 

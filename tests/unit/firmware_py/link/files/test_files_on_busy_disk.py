@@ -76,6 +76,7 @@ def test_uploads_that_are_being_stored_count_as_open(busy):
     assert client.ask(CREATE, "uploads/b", session=9).error == (NO_SESSIONS,)
     assert [reply.ok for reply in client.replies(busy.finish())] == [True] * 4
     assert all(client.ask(CREATE, f"uploads/{number}", session=number).ok for number in range(4))
+    assert client.ask(CREATE, "uploads/c", session=9).error == (NO_SESSIONS,)
 
 
 def test_request_that_finds_no_place_in_the_queue_is_executed_when_it_is_repeated(busy, texts, tmp_path):

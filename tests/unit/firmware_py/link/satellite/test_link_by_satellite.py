@@ -231,6 +231,7 @@ def test_message_is_executed_after_its_number_is_stored(boat):
     boat.run(90)
     assert boat.intents == []
     boat.vault.waiting.pop()(True)
+    assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0]  # it wakes the loop
     boat.run(1)
     assert boat.intents == [SetMode(15)]
 
