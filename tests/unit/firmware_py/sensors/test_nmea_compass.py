@@ -66,6 +66,7 @@ def test_true_heading_contains_the_variation_of_an_equal_hdg(deliver, near, comp
     assert deliver(compass, "HEHDT,90,T", now_s=2.1)[0].variation_rad is None
     deliver(compass, "HCHDG,90,,,10,E", now_s=10.0)
     assert near(deliver(compass, "HEHDT,100,T", now_s=10.25)[0].variation_rad, 10.0)
+    assert deliver(compass, "HEHDT,100,T", now_s=12.1)[0].variation_rad is None
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,11 @@ def test_lost_sentence_delays_an_epoch_by_the_epoch_timeout(deliver, receiver):
     assert [sample.t_s for sample in deliver(receiver, rmc("103603.00"), gga("103603.00"), now_s=3.0)] == [3.0]
 
 
+def test_sentence_with_another_time_starts_an_epoch(deliver, receiver):
+    samples = deliver(receiver, rmc("103600.00"), gga("103601.00"))
+    assert [(sample.fix, sample.altitude_m) for sample in samples] == [(FixType.FIX_2D, None)]
+
+
 def test_ten_fixes_per_second_with_one_rmc_per_second(deliver, receiver):
     samples = []
     for tenth in range(100):

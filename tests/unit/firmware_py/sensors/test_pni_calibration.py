@@ -107,6 +107,7 @@ def test_reopened_port_ends_the_calibration(turntable):
 def test_report_of_a_power_up_ends_the_calibration(turntable, pni):
     turntable.line.inbox += pni(23)
     turntable.run(0.1)
+    assert turntable.compass.calibration().percent == 0
     turntable.assert_ended(FAILED, "the compass lost power")
 
 
