@@ -235,8 +235,8 @@ def test_length_of_a_payload_is_limited():
 @pytest.mark.parametrize(
     "invalid",
     [
-        *(payload(18, latitude=latitude) for latitude in (600_000 * 92, -(90 * 600_000 + 1))),
-        payload(18, longitude=-600_000 * 200),
+        *(payload(18, latitude=latitude) for latitude in (90 * 600_000 + 1, -(90 * 600_000 + 1))),
+        *(payload(18, longitude=side * (180 * 600_000 + 1)) for side in (1, -1)),
         *(payload(1, mmsi) for mmsi in (0, 1_000_000_000, (1 << 30) - 1)),
     ],
 )
