@@ -115,6 +115,11 @@ def test_vessels_beyond_256_between_two_polls_are_dropped_and_counted(line, rece
     assert (health.accepted, health.rejected, health.text) == (258, 2, "too many vessels, some dropped")
 
 
+def test_message_of_an_unused_type_is_ignored(deliver, receiver, nmea):
+    assert deliver(receiver, nmea("AIVDM,1,1,,A,0000000,0").replace(b"$", b"!")) == ()
+    assert (receiver.health(1.0).accepted, receiver.health(1.0).rejected) == (0, 0)
+
+
 def test_other_data_are_not_understood(deliver, receiver):
     deliver(receiver, b"\x80\xfe")
     assert receiver.health(1.0).text == "data not understood: wrong baud rate?"

@@ -105,6 +105,13 @@ def test_late_part_is_rejected():
         assemble(part(2, sequence=b"4"), 110.1, assembler)
 
 
+def test_message_with_a_gap_is_discarded():
+    assembler = Assembler()
+    for stream in (part(1, 3) + part(3, 3), part(2, 3)):
+        with pytest.raises(MessageError, match="earlier parts"):
+            assemble(stream, 0.0, assembler)
+
+
 def test_complete_messages_do_not_replace_an_incomplete_one():
     assembler = Assembler()
     assemble(part(1), 0.0, assembler)
