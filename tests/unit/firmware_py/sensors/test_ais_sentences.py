@@ -125,6 +125,7 @@ def test_oldest_of_more_than_sixteen_incomplete_messages_is_dropped():
     assembler = Assembler()
     for number in range(17):
         assemble(part(1, sequence=b"1", channel=b"%d" % number), number / 16.0, assembler)
+    assert len(assemble(SENTENCE, 1.0, assembler)) == 1
     assemble(part(1, sequence=b"1", channel=b"2"), 1.0, assembler)  # begins again
     complete = [assemble(part(2, sequence=b"1", channel=b"%d" % number), 1.0, assembler) for number in range(1, 17)]
     assert sum(map(len, complete)) == 16

@@ -107,6 +107,7 @@ TRANSCRIPTS = {
     "an error during the set-up restarts it after a pause": [
         (0.0, (), [GO_TO_CONFIG]),
         (0.1, (message(0x42, b"\x21"),), []),
+        (0.5, (IN_CONFIG,), []),
         (0.1 + DATA_TIMEOUT_S - 0.01, (), []),
         (0.1 + DATA_TIMEOUT_S, (), [GO_TO_CONFIG]),
     ],

@@ -84,6 +84,8 @@ def test_sentences_that_the_option_excludes_name_the_option(line, deliver, drive
         (b"$HEHDT,341.8,T\r\n", {"line": 1, "type": "error", "error": "no checksum", "sentence": "HEHDT"}),
         (b"$HEHDT,341.8,T", {"line": 1, "type": "error", "error": "no checksum", "sentence": "HEHDT"}),
         (b"$HEHDT,34\0", {"line": 1, "type": "error", "error": "malformed", "sentence": "HEHDT"}),
+        (b"$HEHDT,400,T*35\r\n", {"line": 1, "type": "error", "error": "range", "sentence": "HEHDT",
+                                  "detail": "HEHDT: heading_true_deg 400 out of range"}),
         (b"$GNFOO,,*4F\r\n", {"line": 1, "type": "other", "sentence": "GNFOO"}),
         (b"$GPROT,35.6,A*01\r\n", {"line": 1, "type": "turn_rate", "sentence": "GPROT", "turn_rate_deg_min": 35.6,
                                    "status": "A"}),

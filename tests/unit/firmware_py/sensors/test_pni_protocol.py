@@ -43,6 +43,8 @@ def test_data_with_all_components():
     assert pni_protocol.parse_data(payload) == values
 
 
-@pytest.mark.parametrize("payload", ["", "01", "0105", "0105000000", "010500000000FF", "0106", "0205000000", "FF0800"])
+@pytest.mark.parametrize(
+    "payload", ["", "01", "0105", "0105000000", "010500000000FF", "0106", "010600", "0205000000", "FF0800"]
+)
 def test_malformed_data_is_none(payload):
     assert pni_protocol.parse_data(bytes.fromhex(payload)) is None
