@@ -36,7 +36,19 @@ def test_yaw_in_ned_is_the_heading():
 
 
 @pytest.mark.parametrize(
-    ("device", "boat"), [(0.0, 0.0), (25.0, 25.0), (-25.0, -25.0), (-155.0, 25.0), (155.0, -25.0), (180.0, 0.0)]
+    ("device", "boat"),
+    [
+        (0.0, 0.0),
+        (25.0, 25.0),
+        (-25.0, -25.0),
+        (-155.0, 25.0),
+        (155.0, -25.0),
+        (180.0, 0.0),
+        (90.0, 90.0),
+        (-90.0, -90.0),
+        (95.0, -85.0),
+        (-95.0, 85.0),
+    ],
 )
 def test_roll_of_the_boat_does_not_depend_on_the_mounting(device, boat):
     assert read_data(euler(device, 0.0, 0.0)).roll_deg == boat

@@ -87,5 +87,6 @@ def test_silence_and_another_opening_of_the_port(deliver, sensor, line):
     ],
 )
 def test_options_out_of_range_are_refused(values, text):
-    with pytest.raises(ValueError, match=text):
-        record_from(NmeaRudderOptions, values)
+    for make in (record_from, lambda kind, values: kind(**values)):
+        with pytest.raises(ValueError, match=text):
+            make(NmeaRudderOptions, values)
