@@ -38,6 +38,10 @@ def test_bytes_from_before_a_reopening_are_discarded(line, tee):
     line.inbox += b"new"
     tee.first_view.read()
     assert tee.second_view.read() == b"new"
+    line.plug()
+    line.inbox += b"newest"
+    tee.first_view.read()
+    assert tee.second_view.read() == b"newest"
 
 
 def test_queue_of_a_second_view_without_reads_keeps_the_newest_bytes(line, tee):

@@ -202,7 +202,9 @@ def test_invalid_orientation_gives_no_heading_and_no_new_set_up(exchange, compas
     assert compass.health(5.1).state is DeviceState.RUNNING
 
 
-def test_data_without_a_status_give_no_heading(deliver, compass, set_up):
+def test_data_without_angles_or_status_give_no_heading(deliver, compass, set_up):
+    assert deliver(compass, message(0x36, struct.pack(">HBI", 0xE020, 4, 3))) == ()
+    assert compass.health(1.0).accepted == 0
     assert deliver(compass, message(0x36, struct.pack(">HB3f", 0x2034, 12, 0.0, 0.0, 90.0))) == ()
     assert compass.health(1.0).text == "data without status"
     assert len(deliver(compass, data())) == 1

@@ -180,7 +180,7 @@ def test_reopened_port_discards_the_incomplete_sentence_and_the_turn_rate(line, 
     compass.receive(1.1)
     assert (compass.fileno(), compass.health(1.1).state) == (-1, DeviceState.ABSENT)
     line.plug()
-    assert deliver(compass, nmea("HEHDT,30,T")[9:], now_s=1.2) == ()
+    assert deliver(compass, nmea("HEHDT,20,T")[9:], now_s=1.2) == ()
     assert compass.health(1.2).state is DeviceState.STARTING
     assert len(deliver(compass, "HCHDM,8,M", now_s=1.2)) == 1  # true headings are not preferred yet
     assert deliver(compass, "HEHDT,30,T", now_s=1.3)[0].yaw_rate_rad_s is None

@@ -78,7 +78,7 @@ def test_values(reader, fields, value):
         (TIME, "malformed", [("11563",), ("1156300",), ("-15630",), ("11:56:30",)]),
         (TIME, "range", [("240000",), ("116000",), ("115661",)]),
         (LONG_DATE, "range", [("115630", *date.split()) for date in
-                              ("31 02 2016", "15 08 1916", "15 08 2116", "15 08 16", "-1 08 2016")]),
+                              ("31 02 2016", "00 08 2016", "15 08 1916", "15 08 2116", "15 08 16", "-1 08 2016")]),
     ],
 )  # fmt: skip
 def test_invalid_values_are_rejected(reader, error, rows):

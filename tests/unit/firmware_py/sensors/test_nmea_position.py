@@ -97,6 +97,13 @@ def test_lost_sentence_delays_an_epoch_by_the_epoch_timeout(deliver, receiver):
     assert [sample.t_s for sample in deliver(receiver, rmc("103603.00"), gga("103603.00"), now_s=3.0)] == [3.0]
 
 
+def test_time_of_a_sample_is_that_of_its_last_sentence(deliver, receiver):
+    deliver(receiver, gga(), now_s=1.0)
+    assert deliver(receiver, rmc(), now_s=1.25) == ()
+    assert deliver(receiver, now_s=1.75) == ()
+    assert [sample.t_s for sample in deliver(receiver, now_s=1.76)] == [1.25]
+
+
 def test_sentence_with_another_time_starts_an_epoch(deliver, receiver):
     samples = deliver(receiver, rmc("103600.00"), gga("103601.00"))
     assert [(sample.fix, sample.altitude_m) for sample in samples] == [(FixType.FIX_2D, None)]

@@ -144,7 +144,7 @@ def test_commands_are_sent_every_200_ms(pni):
     ("frames", "end_s", "percent", "points"),
     [
         ([], 600.0, 0, 0),
-        ([(100.0, COUNT, b"\0\0\0")], 600.0, 0, 0),
+        ([(100.0, COUNT, b"\0\0\6")], 600.0, 0, 0),
         ([(100.0, *counted(6))], 600.0, 47, 6),
         ([(100.0, *counted(12))], 250.0, 95, 12),
         ([(100.0, *counted(13)), (200.0, SCORE, bytes(23))], 250.0, 95, 12),

@@ -162,6 +162,7 @@ def test_set_up_begins_again_after_a_cancelled_calibration(line, compass):
     compass.receive(0.0)
     compass.receive(COMMAND_INTERVAL_S)
     assert compass.calibrate(0.06)
+    assert compass.calibration().state is CalibrationState.RUNNING
     compass.cancel()
     compass.receive(0.2)
     assert frame_ids(line.written) == [22, 6, 11, 22]
