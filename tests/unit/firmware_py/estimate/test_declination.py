@@ -6,9 +6,8 @@ import pytest
 from scipy.special import lpmv
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
-from firmware_py.estimate import declination
+from firmware_py.estimate import declination, wmm2025
 from firmware_py.estimate.declination import Declination, declination_rad, horizontal_field_nt, update
-from firmware_py.estimate.wmm2025 import COEFFICIENTS
 
 YEAR_S = 365.25 * 86400.0
 EPOCH_S = 1_735_689_600.0
@@ -39,7 +38,7 @@ def potential(position_km, years):
     x, y, z = position_km
     radius_km, longitude_rad = math.hypot(x, y, z), math.atan2(y, x)
     result = 0.0
-    for n, m, g, h, g_year, h_year in COEFFICIENTS:
+    for n, m, g, h, g_year, h_year in wmm2025.COEFFICIENTS:
         schmidt = (-1.0) ** m * math.sqrt((2.0 if m else 1.0) * math.factorial(n - m) / math.factorial(n + m))
         wave = (g + years * g_year) * math.cos(m * longitude_rad) + (h + years * h_year) * math.sin(m * longitude_rad)
         result += (6371.2 / radius_km) ** (n + 1) * wave * schmidt * lpmv(m, n, z / radius_km)
@@ -70,7 +69,7 @@ def test_declination_equals_the_reference_values(latitude, longitude, year, degr
 
 def test_coefficients_are_the_published_ones():
     """A wrong digit of a high degree changes the declination by less than a thousandth of a degree."""
-    rows = "\n".join(" ".join(str(value + 0.0) for value in row) for row in COEFFICIENTS)
+    rows = "\n".join(" ".join(str(value + 0.0) for value in row) for row in wmm2025.COEFFICIENTS)
     assert zlib.crc32(rows.encode()) == 684922188
 
 

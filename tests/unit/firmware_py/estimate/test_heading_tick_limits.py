@@ -130,7 +130,13 @@ def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
 
 @pytest.mark.parametrize(
     ("seconds", "frozen_s", "off_deg", "is_used"),
-    [(2.1, 30.0, 20.0, False), (2.0, 30.0, 20.0, True), (2.1, 0.0, 20.0, True), (2.1, 30.0, 0.0, True)],
+    [
+        (2.1, 30.0, 20.0, False),
+        (2.1, 0.5, 20.0, False),
+        (2.0, 30.0, 20.0, True),
+        (2.1, 0.0, 20.0, True),
+        (2.1, 30.0, 0.0, True),
+    ],
 )
 def test_contradicted_compass_is_replaced_by_the_state_without_it(seconds, frozen_s, off_deg, is_used):
     compass = constant(seconds, sound_since_s=90.0)

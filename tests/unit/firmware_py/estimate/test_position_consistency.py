@@ -109,6 +109,13 @@ def test_way_at_a_constant_position_is_that_of_fixes_with_a_velocity_and_at_most
     assert (state.still_north_m, state.still_east_m) == pytest.approx((way_m * math.cos(0.5), way_m * math.sin(0.5)))
 
 
+@pytest.mark.parametrize(("way_m", "stuck"), [(30.0, False), (30.1, True)])
+def test_position_is_stuck_after_a_way_of_more_than_30_m(way_m, stuck):
+    sample = fix(0.0, 5.0, 0.4)
+    assert is_stuck(PositionConsistency(still=sample, still_north_m=way_m), sample) is stuck
+    assert is_stuck(PositionConsistency(still=sample, still_east_m=-way_m), sample) is stuck
+
+
 def test_velocity_is_integrated_by_the_mean_of_two_fixes():
     """A velocity that alternates between 0 and 1 m/s, with a position that moves at 0.5 m/s."""
     fixes = [fix(t_s, 0.5 * t_s, t_s % 2.0, 0.0) for t_s in map(float, range(1000))]
