@@ -129,7 +129,8 @@ def test_values_out_of_range_are_limited(snapshot, name):
 UNKNOWN = {
     "GPS_RAW_INT": {"lat": 0, "lon": 0, "alt": 0, "eph": 65535, "vel": 65535, "satellites_visible": 255},
     "GLOBAL_POSITION_INT": {"lat": 0, "lon": 0, "alt": 0, "relative_alt": 0, "vx": 0, "vy": 0},
-    "NAV_CONTROLLER_OUTPUT": {"wp_dist": 0},
+    "NAV_CONTROLLER_OUTPUT": {"wp_dist": 0, "nav_bearing": 0, "target_bearing": 0},
+    "VFR_HUD": {"heading": 0, "groundspeed": 0.0, "alt": 0.0},
     "HOME_POSITION": {"latitude": 0, "longitude": 0, "altitude": 0, "time_usec": 0},
     "GPS_GLOBAL_ORIGIN": {"latitude": 0, "longitude": 0, "altitude": 0, "time_usec": 0},
     "SYS_STATUS": {"load": 0, "voltage_battery": 65535, "current_battery": -1, "battery_remaining": -1},
@@ -148,7 +149,7 @@ def test_values_that_are_not_finite_are_unknown(snapshot, name):
     fix = PositionSample(0.0, FixType.FIX_3D, nan, nan, nan, nan, nan, None, nan)
     boat = replace(
         snapshot, t_s=nan, position=fix, position_ok=True, home=Home(nan, nan, nan), distance_m=nan, rudder_rad=nan,
-        heading_rad=nan, power=Power(nan, nan, nan, nan, nan, nan),
+        heading_rad=nan, goal_heading_rad=nan, bearing_rad=nan, power=Power(nan, nan, nan, nan, nan, nan),
     )  # fmt: skip
     message = row.build(TelemetryContext(boat, 1.7e9, 0.5, 3, nan, 0))
     assert {field: getattr(message, field) for field in UNKNOWN[name]} == UNKNOWN[name]
