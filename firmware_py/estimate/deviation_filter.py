@@ -231,7 +231,7 @@ def _update_with_minute(
     """Return the state updated with the observation of a minute and its mean velocity."""
     if state.x:
         x, p = state.x, np.frombuffer(state.p).reshape(STATES, STATES).copy()
-        p.flat[:: STATES + 1] += np.array(PROCESS_NOISE) * min(max(now_s - state.t_s, 0.0), MAX_STEP_S)
+        p.flat[:: STATES + 1] += np.array(PROCESS_NOISE) * min(now_s - state.t_s, MAX_STEP_S)
     else:
         x, p = (*settings.deviation, *water), np.diag(np.square(INITIAL_SDS))
     number, turned_rad, *sums = minute.readings
