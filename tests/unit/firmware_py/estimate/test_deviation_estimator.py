@@ -137,3 +137,15 @@ def test_report_has_the_progress_and_the_sectors_with_data():
     # A certain estimate needs eight sectors.
     estimator.state = replace(estimator.state, p=(1e-9 * np.eye(8)).tobytes(), sectors=(1, 2, *(0,) * 10))
     assert (estimator.report().percent, estimator.report().minutes) == (25, 3)
+
+
+@pytest.mark.parametrize(("minutes", "has_residual"), [(9, False), (10, True)])
+def test_report_has_the_residual_of_ten_minutes_or_more(minutes, has_residual):
+    estimator = DeviationEstimator(WEST)
+    for t_s in range(61 * minutes + 40):
+        take(estimator, float(t_s), 1.0 + 0.2 * (t_s // 61))
+    estimator.state = replace(estimator.state, p=(1e-9 * np.eye(8)).tobytes(), sectors=(1,) * 12)
+    report = estimator.report()
+    assert (report.state, report.percent, report.minutes) == (CalibrationState.DONE, 100, 12)
+    assert (report.residual_before_rad is not None) is has_residual
+    assert (report.residual_after_rad is not None) is has_residual

@@ -122,7 +122,7 @@ def sailed(positions=240, seed=4):
     plain = PlainFilter((0.0, 0.4, 0.02, 0.05, -0.1, 2.0, -1.0), (0.1, 0.3, 0.1, 0.25, 0.25, 0.3, 0.3))
     rng, t_s, place_m, heading_rad = np.random.default_rng(seed), 0.0, np.array([2.0, -1.0]), 0.5
     for number in range(positions):
-        step_s = {60: 29.0, 90: 31.0, 120: 700.0, 239: 1e5}.get(number, float(rng.uniform(4.0, 6.0)))
+        step_s = {60: 29.0, 90: 30.5, 120: 700.0, 239: 1e5}.get(number, float(rng.uniform(4.0, 6.0)))
         heading_rad += 0.02 + 1.5 * (number % 60 == 0)
         known = 0.0 if number in {180, 181, 239} else 0.85 if number == 183 else 0.95 if number == 185 else 1.0
         for part in (0.4, 0.6):
