@@ -175,6 +175,7 @@ def test_track_with_another_speed_gives_no_heading(seed):
     ("speed_m_s", "north_m", "east_m", "duration_s", "is_known"),
     [
         (0.5, 10.0, 0.0, 20.0, True),
+        (0.5, 0.25, 0.0, 0.5, True),
         (0.5, math.inf, 0.0, 20.0, False),
         (0.5, 0.0, math.inf, 20.0, False),
         (0.5, math.nan, 0.0, 20.0, False),
