@@ -56,7 +56,7 @@ class Spans:
                 if len(part) != part_bytes:
                     raise OSError(errno.EIO, "the log has become shorter")
                 parts.append(part)
-                offset, count = offset + part_bytes, count - part_bytes
+                count -= part_bytes
             offset = max(0, offset - length) if not parts else 0
         return b"".join(parts)
 

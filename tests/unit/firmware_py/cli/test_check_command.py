@@ -341,6 +341,7 @@ def test_device_finding_depends_on_health_and_samples(sample, state, accepted, r
         ("wind", WindSample(3.0, 5.0, 1.0, WindReference.NORTH), 30, "", Level.PASS, "wind_from_true_deg 57.3"),
         ("wind", None, 1, "WIMWV: no wind", Level.WARN, "WIMWV: no wind"),
         ("compass", None, 1, "no heading", Level.FAIL, "no heading"),
+        ("ais", None, 0, "", Level.WARN, "no vessel received"),
     ],
 )
 def test_finding_of_wind_sensor_and_echo_sounder(role, sample, accepted, text, level, word):

@@ -90,6 +90,11 @@ def test_state_in_use_is_shown_but_not_changed(plan, file, state):
         store.close()
 
 
+def test_only_the_owner_loads_a_plan(plan, file, state, monkeypatch):
+    monkeypatch.setattr(os, "geteuid", lambda: 54321)
+    assert "run this as that user" in plan("load", file, "--state", state, code=2)
+
+
 def test_full_disk_is_a_one_line_error(plan, file, state, monkeypatch):
     def raise_full(*_arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
