@@ -1,8 +1,10 @@
 """Checks of a new version before it is installed, with programs that give known results."""
 
 import json
+import os
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -185,30 +187,44 @@ def test_program_has_a_minute_to_report_ready(monkeypatch, is_readable):
 READY = """
 import os, signal, socket, sys
 address = "\\0" + os.environ["NOTIFY_SOCKET"][1:]
-socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto({message!r}, address)
-signal.signal(signal.SIGTERM, lambda *_: sys.exit({code}))
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
 print("first\\nlast words", flush=True)
+socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto({message!r}, address)
 {end}
 """
 
 
 @pytest.mark.parametrize(
-    ("message", "code", "end", "starts"),
+    ("message", "end", "starts"),
     [
-        (b"STATUS=x\nREADY=1", 0, "signal.pause()", True),
-        (b"READY=1", 1, "signal.pause()", False),
-        (b"READY=0", 0, "", False),
-        (b"NOT READY=1", 0, "", False),
-        (b"READY=1", 0, "import time; time.sleep(0.1)", False),
+        (b"STATUS=x\nREADY=1", "signal.sigwait([signal.SIGTERM])", True),
+        (b"READY=1", "signal.sigwait([signal.SIGTERM]); sys.exit(1)", False),
+        (b"READY=0", "", False),
+        (b"NOT READY=1", "", False),
+        (b"READY=1", "open(os.environ['FIFO']).close()", False),
     ],
 )
-def test_program_must_report_ready_run_on_and_end_without_an_error(candidate, monkeypatch, message, code, end, starts):
-    monkeypatch.setattr(self_check, "ALIVE_S", 0.2)
+def test_program_must_report_ready_run_on_and_end_without_an_error(candidate, monkeypatch, message, end, starts):
+    processes, waits_s, popen, fifo = [], [], subprocess.Popen, candidate.work / "fifo"
+    os.mkfifo(fifo)
+
+    def sleep(seconds):
+        waits_s.append(seconds)
+        if "FIFO" in end:
+            fifo.write_bytes(b"")  # the program ends during this wait
+            processes[0].wait(60.0)
+
+    monkeypatch.setenv("FIFO", str(fifo))
+    monkeypatch.setattr(self_check, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
+    monkeypatch.setattr(
+        subprocess, "Popen", lambda *a, **options: processes.append(popen(*a, **options)) or processes[0]
+    )
     program = candidate.environment.program
-    program.write_text(f"#!{sys.executable}\n{READY.format(message=message, code=code, end=end)}")
+    program.write_text(f"#!{sys.executable}\n{READY.format(message=message, end=end)}")
     program.chmod(0o755)
     if starts:
         assert CHECKS["start"](candidate).startswith("control loop ready after ")
     else:
         with pytest.raises(UpdateError, match="does not start: last words"):
             CHECKS["start"](candidate)
+    assert waits_s == ([3.0] if message.endswith(b"READY=1") and b"NOT" not in message else [])
