@@ -78,6 +78,8 @@ def test_interleaved_messages_are_joined():
         part(2, 1),
         sentence(b"AIVDM,1,1,,A,1234567,6"),
         sentence(b"AIVDM,1,1,,A,1234567"),
+        sentence(b"AIVDM,x,1,,A,1234567,0"),
+        sentence(b"AIVDM,1,x,,A,1234567,0"),
         SENTENCE.replace(b"15M", b"16M"),
     ],
     ids=[
@@ -89,6 +91,8 @@ def test_interleaved_messages_are_joined():
         "part 2 of 1",
         "fill bits",
         "fields",
+        "count",
+        "part",
         "checksum",
     ],
 )
