@@ -81,7 +81,7 @@ def test_boat_follows_lines_between_waypoints_and_keeps_station_at_the_last():
     runner = MissionRunner(waypoint(A), waypoint(B, radius_m=5.0))
     assert [runner.step(), runner.step()] == [go_to(A)] * 2
     assert [runner.step(arrived=True) for _ in range(2)] == [go_to(B, A, 5.0)] * 2
-    assert runner.progress.complete
+    assert (runner.progress.complete, runner.progress.index) == (True, 1)
     assert runner.reached == [0, 1]
     assert runner.state() is MissionState.COMPLETE
 

@@ -67,6 +67,12 @@ def test_time_of_the_parameter_may_be_less_than_a_second(end_s, is_released):
     assert run((end_s, ON), settings=TorqueReleaseSettings(release_after_s=0.5)).is_released is is_released
 
 
+@pytest.mark.parametrize(("now_s", "is_released"), [(4.9, True), (5.0, False)])
+def test_servo_has_less_than_a_second_to_release_the_torque(now_s, is_released):
+    state = TorqueReleaseState(COMMAND_RAD, released_since_s=4.0)
+    assert update(SETTINGS, state, COMMAND_RAD, ON, now_s).is_released is is_released
+
+
 def test_parameter_0_turns_the_torque_on():
     assert run((100.0, ON), settings=NEVER) == TorqueReleaseState(COMMAND_RAD)
     assert run(*RELEASED).released_since_s == 5.0

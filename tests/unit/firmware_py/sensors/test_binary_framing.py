@@ -8,6 +8,7 @@ from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
 INFO = bytes.fromhex("000501efd4")
 DATA = bytes.fromhex("000504bf71")
 DAMAGED = INFO[:-1] + b"\x00"
+NESTED = pni_protocol.encode(5, INFO)  # a packet that contains a packet
 
 
 @pytest.mark.parametrize(
@@ -19,8 +20,9 @@ DAMAGED = INFO[:-1] + b"\x00"
         ([DAMAGED + DATA + DAMAGED], [(0, 5, "checksum"), (5, 5, DATA), (10, 5, "checksum")]),
         ([INFO, DATA[:4]], [(0, 5, INFO), (5, 4, "checksum")]),
         ([b"hello" + INFO[:4], INFO[4:]], [(0, 5, "malformed"), (5, 5, INFO)]),
+        ([NESTED + DATA], [(0, 10, NESTED), (10, 5, DATA)]),
     ],
-    ids=["empty", "packets", "noise", "damaged", "truncated", "in two parts"],
+    ids=["empty", "packets", "noise", "damaged", "truncated", "in two parts", "nested"],
 )
 def test_stream_is_split_into_packets_and_skipped_bytes(chunks, packets):
     framer = pni_protocol.create_framer()

@@ -4,6 +4,7 @@ import pytest
 
 from firmware_py.link.wire.urls import (
     PLAIN,
+    HostLookup,
     LinkClass,
     LinkError,
     LinkOptions,
@@ -136,6 +137,17 @@ def test_numeric_host_needs_no_lookup(monkeypatch):
     """A lookup imports codecs and opens files; at the limit of open files it ended the start with a traceback."""
     monkeypatch.setattr("socket.getaddrinfo", None)
     assert resolve(parse_url("udpout:127.0.0.1:14550")) == ("127.0.0.1", 14550)
+
+
+def test_lookups_have_a_minimum_interval(monkeypatch):
+    requests = []
+    monkeypatch.setattr("threading.Event.set", lambda event: requests.append(event))
+    lookup = HostLookup(parse_url("tcp:10.0.0.1:5760"), 30.0)  # without a thread
+    counts = []
+    for now_s in (100.0, 129.9, 130.0, 159.9, 160.1):
+        lookup.start(now_s)
+        counts.append(len(requests))
+    assert counts == [1, 1, 2, 2, 3]
 
 
 @pytest.mark.parametrize("error", [OSError("no answer"), UnicodeError("label too long"), LookupError("no codec")])
