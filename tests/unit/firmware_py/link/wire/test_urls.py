@@ -141,7 +141,7 @@ def test_numeric_host_needs_no_lookup(monkeypatch):
 
 def test_lookups_have_a_minimum_interval(monkeypatch):
     requests = []
-    monkeypatch.setattr("threading.Event.set", lambda event: requests.append(event))
+    monkeypatch.setattr("threading.Event.set", lambda _event: requests.append(None))
     lookup = HostLookup(parse_url("tcp:10.0.0.1:5760"), 30.0)  # without a thread
     counts = []
     for now_s in (100.0, 129.9, 130.0, 159.9, 160.1):
