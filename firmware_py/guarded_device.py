@@ -1,4 +1,4 @@
-"""Guard around the driver of a package of another author.
+"""Guard around a third-party driver.
 
 An exception or an invalid sample makes the device FAILED; it never ends the autopilot. Code that does not return is
 beyond this guard: the watchdog of the service ends the process.
@@ -22,7 +22,7 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Ru
 RETRY_S: Final = 10.0  # after an exception, before the driver is created again
 MAX_SAMPLES: Final = 100  # of one poll; further ones are dropped
 MAX_SAMPLE_AGE_S: Final = 60.0  # a driver stamps its samples with the time of `receive` or `command`
-MAX_NUMBER: Final = 1e10  # larger than any value in the units of the records, also UTC; its square is no overflow
+MAX_NUMBER: Final = 1e10  # larger than any value in the units of the records, also UTC; its square does not overflow
 _MAX_INTEGERS: Final = {"status": 255}  # as the log stores them; all others have 32 bits, and none is negative
 _MAX_TEXT: Final = 200  # characters of a text
 # Ranges of angles: degrees in place of radians are the most probable error of a driver.
@@ -81,7 +81,10 @@ class GuardedDevice:
         return () if self._device is None else self._guard((), self._read_samples)
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Return the driver's record, or a FAILED one with the exception and its place."""
+        """Return the driver's record.
+
+        Without a driver the state is STARTING, FAILED after an exception, or FAULTY if it could not be loaded.
+        """
         health: DeviceHealth | None = None if self._device is None else self._guard(None, self._read_health, now_s)
         if health is None:
             state = DeviceState.FAILED if self._fault else DeviceState.STARTING
@@ -90,26 +93,26 @@ class GuardedDevice:
         return health
 
     def command(self, command: RudderCommand, now_s: float) -> None:
-        """Let the driver of a rudder send the command."""
+        """Let the driver of a servo send the command."""
         self._now_s = max(self._now_s, now_s)
         if self._device is not None:
             self._guard(None, self._call, "command", command, now_s)
 
     def needs_prompt_io(self) -> bool:
-        """Return whether the driver of a rudder must read at once."""
+        """Return whether the driver of a servo must read at once."""
         return self._device is not None and bool(self._guard(False, self._call, "needs_prompt_io"))
 
     def _guard(self, default: Any, call: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of a call; after an exception, `default`, and the driver is dropped."""
         try:
             return call(*arguments)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - code of another author
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - third-party code
             self._device = None
             self._retry_s = self._now_s + RETRY_S
             self._fault_count += 1
             frame = traceback.extract_tb(error.__traceback__)[-1]
             location = "" if frame.filename == __file__ else f" ({PurePath(frame.filename).name}:{frame.lineno})"
-            reason = traceback.format_exception_only(error)[-1].strip()  # safe also if its text cannot be made
+            reason = traceback.format_exception_only(error)[-1].strip()  # does not raise even if str(error) does
             self._fault = f"driver of package {self._package}: {reason}{location}"
             return default
 
@@ -123,9 +126,9 @@ class GuardedDevice:
         return [self._check(sample) for sample in islice(samples, MAX_SAMPLES)]
 
     def _check(self, sample: Any) -> Any:
-        """Return a sample of the first device; raise TypeError or ValueError if its class, type or a value is invalid.
+        """Return a sample with source 0; raise TypeError or ValueError if its class, type or a value is invalid.
 
-        Values in range for the records may still be wrong; those that would end the autopilot or the log are not.
+        The check rejects values that would stop the autopilot or damage the log; values in range may still be wrong.
         """
         if not isinstance(sample, self._sample_types):
             raise TypeError(f"{type(sample).__name__} is not a sample of this device")

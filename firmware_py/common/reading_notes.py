@@ -1,4 +1,4 @@
-"""Notes on decoded records: sentences with the path of a value, without repetition, limited in number."""
+"""Notes on decoded records: each states the path of a value; no duplicates, at most MAX_NOTES."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 MAX_NOTES = 50
-MAX_INTEGER = 1 << 1023  # it can be converted to a double
+MAX_INTEGER = 1 << 1023  # the largest power of two that is a double
 
 
 class Location(msgspec.Struct, frozen=True):
@@ -33,7 +33,7 @@ class Location(msgspec.Struct, frozen=True):
 
 
 def check_number(data: Any) -> Any:
-    """Return a number unchanged; ValueError for anything else."""
+    """Return a number unchanged; raise ValueError for another type, and for an integer too large for a double."""
     if type(data) is not float and (type(data) is not int or abs(data) > MAX_INTEGER):
         raise ValueError(f"expected a number, found {abbreviate(data)}")
     return data

@@ -16,19 +16,21 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Event, PositionSample, Severity
 
-WINDOW_S: Final = 120.0  # many waves; the error of a position changes by a tenth of the limit in this time
+WINDOW_S: Final = 120.0  # many wave periods; the position error changes by about a tenth of the limit meanwhile
 MAX_STEP_S: Final = 5.0  # between fixes whose velocities are integrated
 MAX_DIFFERENCE_M_S: Final = 0.5
-MIN_ODD_WINDOWS: Final = 2  # successive windows, for a report
+MIN_INCONSISTENT_WINDOWS: Final = 2  # successive windows, for a report
 REPORT_INTERVAL_S: Final = 600.0
 MAX_STANDSTILL_S: Final = 300.0  # of the position, before it is reported
 STUCK_DISTANCE_M: Final = 30.0  # the coarsest resolution, 0.01 minutes of latitude, is 18.5 m
 
 
 class PositionConsistency(msgspec.Struct, frozen=True):
-    """Window in progress: its first and last fix, the integral of the velocity, the number of successive odd windows.
+    """Window in progress, and the position that has not changed since an earlier fix.
 
-    An odd window is one in which position and velocity differ too much; `reported_s`: time of the last report of them.
+    `begun`, `latest`: first and last fix of the window. `north_m`, `east_m`: integral of its velocity.
+    `odd`: number of successive inconsistent windows, in which position and velocity differ too much.
+    `reported_s`: time of the last report of them.
     `still`: first of the successive fixes with the same position. `still_north_m`, `still_east_m`: integral of the
     velocity since then. `still_reported`: whether the constant position has been reported.
     """
@@ -67,7 +69,7 @@ def update(
 
 
 def is_stuck(state: PositionConsistency, fix: PositionSample) -> bool:
-    """Return whether the position of a fix is the previous one although the boat has moved away by its velocity."""
+    """Return whether a fix repeats the previous position although the integral of the velocity excludes it."""
     if state.still is None or not _has_same_position(state.still, fix):
         return False
     return math.hypot(state.still_north_m, state.still_east_m) > STUCK_DISTANCE_M
@@ -80,7 +82,7 @@ def _has_same_position(fix: PositionSample, other: PositionSample) -> bool:
 def _compare_with_velocity(
     state: PositionConsistency, fix: PositionSample
 ) -> tuple[PositionConsistency, tuple[Event, ...]]:
-    """Return the state with the fix added to the window, and the event if too many windows were odd."""
+    """Return the state with the fix added to the window, and an event after too many inconsistent windows."""
     velocity_m_s = _velocity_m_s(fix)
     if velocity_m_s is None:
         return PositionConsistency(reported_s=state.reported_s), ()
@@ -98,7 +100,7 @@ def _compare_with_velocity(
     difference_m_s = math.hypot(moved_north_m - north_m, moved_east_m - east_m) / duration_s
     odd = state.odd + 1 if difference_m_s > MAX_DIFFERENCE_M_S else 0
     reported_s = state.reported_s
-    if odd < MIN_ODD_WINDOWS or (reported_s is not None and fix.t_s - reported_s < REPORT_INTERVAL_S):
+    if odd < MIN_INCONSISTENT_WINDOWS or (reported_s is not None and fix.t_s - reported_s < REPORT_INTERVAL_S):
         return PositionConsistency(fix, fix, odd=odd, reported_s=reported_s), ()
     text = f"GPS position/velocity differ by {difference_m_s:.1f} m/s: spoofing?"
     return PositionConsistency(fix, fix, odd=odd, reported_s=fix.t_s), (Event(Severity.WARNING, text),)

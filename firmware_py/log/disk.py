@@ -51,8 +51,8 @@ class Disk(Protocol):
     def remove(self, path: Path) -> None:
         """Remove a file."""
 
-    def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove the oldest logs until the rest has at most `room_bytes`."""
+    def prune(self, directory: Path, max_log_bytes: int) -> None:
+        """Remove the oldest logs until the rest has at most `max_log_bytes`."""
 
     def free_bytes(self, directory: Path) -> int:
         """Return the free space for unprivileged users."""
@@ -109,11 +109,11 @@ class LocalDisk:
         """Remove a file."""
         path.unlink()
 
-    def prune(self, directory: Path, room_bytes: int) -> None:
+    def prune(self, directory: Path, max_log_bytes: int) -> None:
         """Remove boxes beyond their fraction, then the oldest logs by age and by space, and boxes if still necessary.
 
-        If the reserve of space or files is not free, more is removed than `room_bytes` requires. If removing every log
-        would not restore the reserve, other files fill the disk, and no log is removed for it.
+        If the reserve of space or files is not free, more is removed than `max_log_bytes` requires. If removing every
+        log would not restore the reserve, other files fill the disk, and no log is removed for it.
         """
         if not directory.is_dir():
             return
@@ -121,8 +121,8 @@ class LocalDisk:
         boxes = [_FileStatus.read(path) for path in sorted(_list_boxes(directory), key=_event_key)]
         total_bytes = sum(log_file.size for log_file in (*logs, *boxes)) + _partial_archive_bytes(directory)
         if (usable_bytes := total_bytes + self.free_bytes(directory) - self._reserve_bytes) > 0:
-            room_bytes = min(room_bytes, usable_bytes)
-        while len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_FRACTION * room_bytes:
+            max_log_bytes = min(max_log_bytes, usable_bytes)
+        while len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_FRACTION * max_log_bytes:
             total_bytes -= _remove(boxes.pop(_index_of_densest(boxes)))
         if self._retention_days > 0.0 and is_possible(now_s := self._utc_s()):
             # Logs with an impossible time have no age. Ages count from the newest log at the latest, so that a clock
@@ -137,7 +137,7 @@ class LocalDisk:
         missing_files = MIN_FREE_FILES - self.free_files(directory) if self._reserve_bytes else 0
         min_removed = missing_files if missing_files <= len(remaining) else 0
         for removed_count, log_file in enumerate(remaining):
-            if total_bytes <= room_bytes and removed_count >= min_removed:
+            if total_bytes <= max_log_bytes and removed_count >= min_removed:
                 return
             total_bytes -= _remove(log_file)
 

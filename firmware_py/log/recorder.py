@@ -87,7 +87,7 @@ class LogRecorder:
         self.writer = LogWriter(
             directory,
             disk if disk is not None else LocalDisk(),
-            room_bytes=max_total_bytes - self._file_bytes,
+            max_log_bytes=max_total_bytes - self._file_bytes,
             queue_batches=queue_batches,
             queue_bytes=queue_bytes,
             flush_s=FLUSH_S,

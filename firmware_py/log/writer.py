@@ -43,7 +43,7 @@ class LogWriter:
         directory: Path,
         disk: Disk,
         *,
-        room_bytes: int,
+        max_log_bytes: int,
         queue_batches: int,
         queue_bytes: int,
         flush_s: float,
@@ -52,7 +52,7 @@ class LogWriter:
         turn: Callable[[int], None] = lambda _written_bytes: None,
         finish: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write into a directory; before a new file, the oldest are removed until the rest has at most `room_bytes`.
+        """Write into a directory; before a new file, the oldest are removed until the rest has at most `max_log_bytes`.
 
         No file is created while less than `min_free_bytes` are free. With `wait_for_disk`, for simulated time, the loop
         waits until the first batch is on disk, and for space in the queue. `turn` is called with the number of bytes
@@ -61,7 +61,7 @@ class LogWriter:
         """
         self._directory = directory
         self._disk = disk
-        self._room_bytes = room_bytes
+        self._max_log_bytes = max_log_bytes
         self._min_free_bytes = min_free_bytes
         self._turn_callback = turn
         self._finish_callback = finish
@@ -82,7 +82,7 @@ class LogWriter:
         self.has_written = False  # at least one batch is on the medium
         self._closing = False
         self._wait_for_disk = wait_for_disk
-        self._wake, self._turned = threading.Event(), threading.Event()
+        self._wake, self._work_done = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
     # ------------------------------------------------------ called on the loop's thread
@@ -106,9 +106,9 @@ class LogWriter:
             self._wake.set()
         if self._wait_for_disk and (thread := self._thread) is not None:
             while thread.is_alive() and (self.is_full() or not (self.has_written or self.failure)):
-                self._turned.clear()
+                self._work_done.clear()
                 self._wake.set()
-                if not self._turned.wait(CLOSE_WAIT_S):
+                if not self._work_done.wait(CLOSE_WAIT_S):
                     break
 
     def start(self) -> None:
@@ -151,7 +151,7 @@ class LogWriter:
         self.drain()
         self._turn_callback(self._taken_total_bytes - taken_before_bytes)
         self._turns += 1
-        self._turned.set()
+        self._work_done.set()
 
     def _finish(self) -> None:
         self.drain()
@@ -183,7 +183,7 @@ class LogWriter:
 
     def _open_file(self) -> None:
         try:
-            self._disk.prune(self._directory, self._room_bytes)
+            self._disk.prune(self._directory, self._max_log_bytes)
             if self._disk.free_bytes(self._directory) < self._min_free_bytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as the disk would
             self._file = self._disk.create(self._directory)

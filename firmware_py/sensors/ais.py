@@ -18,7 +18,7 @@ from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import RANGE, MessageError
 from firmware_py.sensors.vessel_queue import VesselQueue
 
-# The two channels have 75 time slots a second; the burst is one read of the slowest loop.
+# The two channels have 75 time slots a second; the burst is what the slowest loop reads in one tick.
 MAX_SENTENCES_HZ, MAX_SENTENCE_BURST = 80.0, 100
 SILENT_AFTER_S = 600.0  # for minutes, no other vessel may be in range
 
@@ -40,7 +40,7 @@ class AisOptions:
 
 
 class AisReceiver:
-    """Returns the newest reports of other vessels, ordered by the arrival of the first pending one.
+    """Decodes the reports of other vessels; a queue holds the newest report of each vessel, in order of arrival.
 
     The loop reads AIS once a tick after all sensors for steering, and AIS data do not wake it. Reads (4096 bytes a
     tick), sentences and reports are limited; the rest is dropped and counted. Pending reports of one vessel are merged.
@@ -79,11 +79,11 @@ class AisReceiver:
             self._monitor.reject(now_s, "too many sentences, some dropped", dropped)
 
     def poll(self) -> Sequence[VesselReport]:
-        """Return the oldest pending reports, a limited number; positions first, as in the log."""
+        """Return the first reports of the queue, a limited number; positions first, as in the log."""
         return self._queue.take()
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Return the health of the device; every message with a report counts as accepted."""
+        """Return the health of the device; messages with a report and own messages count as accepted."""
         return self._monitor.health(now_s)
 
     def _handle_sentence(self, body: bytes, checksum: int, now_s: float) -> None:

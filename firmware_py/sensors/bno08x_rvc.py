@@ -1,4 +1,4 @@
-"""Driver of a BNO080, BNO085 or BNO086 (CEVA, Hillcrest) in its mode UART-RVC: a gyroscope that knows no north.
+"""Driver of a BNO080, BNO085 or BNO086 (CEVA, Hillcrest) in its mode UART-RVC: a gyroscope without north reference.
 
 Source: BNO080 data sheet 1000-3927 (October 2017), sections 1.1.4 and 1.3.5. After power-on the device sends 100 frames
 a second, without commands:
@@ -18,8 +18,8 @@ ranges are checked as well. Later firmware uses two of the reserved bytes, so th
 * Roll and pitch are not used: the example of the data sheet contradicts its text. Its "roll" of 20.85 degrees belongs
   to an acceleration along x, which is a rotation around y.
 
-There is no option `mounting`: yaw is the direction of an axis on the horizontal plane, so that its rate is that of the
-boat if the device lies flat, with the label up or down and in any direction. It must not stand upright.
+There is no option `mounting`: yaw is the direction of an axis of the device projected on the horizontal plane. Its rate
+is that of the boat if the device lies flat, with the label up or down and in any direction. It must not stand on edge.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ from firmware_py.sensors.packet_receiver import PacketReceiver
 GYRO_ONLY: Final = "gyro only, no north: used as yaw rate"
 FRAME_RATE_HZ: Final = 100
 FRAME_BYTES: Final = 19
-RATE_FRAMES: Final = 5  # periods over which a yaw rate is measured: 0.01 deg in 50 ms are 0.2 deg/s
+RATE_PERIODS: Final = 5  # of frames, per yaw rate; its resolution is 0.01 deg in 50 ms, or 0.2 deg/s
 MAX_LOST_FRAMES: Final = 10
 MAX_GAP_S: Final = 0.25  # without frames on the line; a device that restarts is silent for longer
-MAX_YAW_RATE_DEG_S: Final = 150.0  # a breaking wave turns a boat by 90 deg/s; a restart moves the yaw at once
+MAX_YAW_RATE_DEG_S: Final = 150.0  # a breaking wave turns a boat at 90 deg/s; a restart changes the yaw at once
 MAX_PITCH_DEG: Final = 80.0  # near 90 degrees, yaw and roll turn about the same axis
 
 _HEADER = re.compile(rb"\xaa\xaa")
@@ -71,7 +71,7 @@ class Bno08xRvcOptions:
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """The values of a frame, in the units and with the names of the data sheet."""
+    """The values of a frame, with the names and directions of the data sheet."""
 
     index: int
     yaw_deg: float
@@ -103,9 +103,8 @@ class Bno08xRvc:
     """Measures the yaw rate from the yaw of successive frames; the index of the frames shows lost ones.
 
     A sample has the reference RELATIVE: its heading is the angle turned since the start. It is made from the newest
-    frame that has arrived, so that it is not older than one frame. After a gap, a restart of the
-    device, an impossible turn or a nearly vertical position the measurement starts again with the next frame, without a
-    change of that angle.
+    frame, so it is at most one frame period old. After a gap, a restart of the device, an impossible turn or a nearly
+    vertical position the measurement starts again with the next frame, without a change of that angle.
     """
 
     def __init__(self, line: ByteLine, options: Bno08xRvcOptions) -> None:
@@ -116,10 +115,10 @@ class Bno08xRvc:
         self._receiver = PacketReceiver(line, create_framer)
         self._monitor = self._receiver.monitor
         self._previous: tuple[Reading, float] | None = None  # and its time
-        self._received_s = 0.0  # time of the previous reading of the line, with or without bytes
+        self._received_s = 0.0  # time of the previous `receive`, with or without bytes
         self._number = 0  # of the last frame, counted with the lost ones
         self._turned_rad = 0.0  # since the start
-        self._history: deque[tuple[int, float]] = deque(maxlen=RATE_FRAMES + 1)  # frame number, angle turned
+        self._history: deque[tuple[int, float]] = deque(maxlen=RATE_PERIODS + 1)  # frame number, angle turned
         self._due_number = 0  # of the frame from which the next sample is due
 
     def fileno(self) -> int:
@@ -183,13 +182,13 @@ class Bno08xRvc:
 
     def _append_sample(self, now_s: float) -> None:
         """Append a sample if it is due and the history is complete."""
-        first, first_rad = self._history[0] if self._history else (self._number, 0.0)
-        periods = self._number - first
-        every = self._frames_per_sample
-        early = every // 5  # frames that a tick may find less than the previous one
-        if periods < RATE_FRAMES or self._number < self._due_number - early:
+        first_number, first_rad = self._history[0] if self._history else (self._number, 0.0)
+        periods = self._number - first_number
+        interval = self._frames_per_sample
+        tolerance = interval // 5  # the number of frames that arrive in a tick varies; a sample may be early by this
+        if periods < RATE_PERIODS or self._number < self._due_number - tolerance:
             return
-        self._due_number = max(self._due_number + every, self._number + every - early)
+        self._due_number = max(self._due_number + interval, self._number + interval - tolerance)
         self._receiver.samples.append(
             HeadingSample(
                 t_s=now_s,

@@ -1,11 +1,11 @@
 """Frames of MAVLink 1 and 2 on the line of a flight controller: the messages that are read, and all that are sent.
 
-Sources: mavlink.io, "Packet Serialization" (frames, CRC_EXTRA, cut zeros at the end of a payload, extension fields) and
-"Message Signing" (13 bytes after the checksum); the definitions common.xml and ardupilotmega.xml. All numbers are
-little endian, the fields of a message in the order of their size.
+Sources: mavlink.io, "Packet Serialization" (frames, CRC_EXTRA, payload truncation, extension fields) and "Message
+Signing" (13 bytes after the checksum); the definitions common.xml and ardupilotmega.xml. All numbers are little endian,
+the fields of a message in decreasing order of their size.
 
-This codec is separate from that of the links, which uses pymavlink. It knows ten messages to read and three to write,
-so that a driver cannot send anything that arms, moves or sets a flight controller, and no driver needs pymavlink.
+This codec is separate from that of the links, which uses pymavlink. It decodes ten messages and encodes three, so that
+a driver cannot send anything that arms, moves or configures a flight controller, and no driver needs pymavlink.
 The tests compare it with pymavlink. Signatures are not verified, because the line is a cable inside the hull.
 """
 
@@ -66,7 +66,7 @@ class Stream(IntEnum):
 class _Layout(NamedTuple):
     """Payload of a message: its CRC_EXTRA, the fields of MAVLink 1, and the extension fields of MAVLink 2."""
 
-    seed: int
+    crc_extra: int
     base: struct.Struct
     extension: struct.Struct = struct.Struct("<")
 
@@ -94,8 +94,9 @@ def _either(patterns: list[bytes]) -> bytes:
     return b"(?:" + b"|".join(patterns) + b")"
 
 
-# Marker, length, (flags,) sequence, system, component, id. In MAVLink 1 the length belongs to the message; in MAVLink 2
-# zeros are cut and newer definitions have more fields. The only known incompatibility flag is the signature.
+# Marker, length, (flags,) sequence, system, component, id. In MAVLink 1 each message has a fixed length; in MAVLink 2
+# trailing zeros are truncated and newer definitions have more fields. The only known incompatibility flag is the
+# signature.
 _HEADER = re.compile(
     rb"\xfe%b|\xfd[^\x00][\x00\x01]..[^\x00].%b"
     % (
@@ -134,7 +135,7 @@ def _message_id(frame: bytes) -> int:
 
 def _has_valid_checksum(frame: bytes) -> bool:
     end = _HEADER_BYTES[frame[0]] + frame[1]
-    expected = mcrf4xx(frame[1:end] + bytes((_LAYOUTS[_message_id(frame)].seed,)))
+    expected = mcrf4xx(frame[1:end] + bytes((_LAYOUTS[_message_id(frame)].crc_extra,)))
     return expected == int.from_bytes(frame[end : end + _CHECKSUM_BYTES], "little")
 
 
@@ -176,9 +177,9 @@ class Encoder:
         return self._encode(_Outgoing.REQUEST_DATA_STREAM, system, values)
 
     def _encode(self, message: _Outgoing, system: int, values: tuple[float, ...]) -> bytes:
-        seed, base, _ = _OUTGOING_LAYOUTS[message]
+        crc_extra, base, _ = _OUTGOING_LAYOUTS[message]
         payload = base.pack(*values).rstrip(b"\0") or b"\0"
         address = bytes((self._sequence, system, self._component)) + message.to_bytes(3, "little")
         self._sequence = self._sequence + 1 & 0xFF
         covered = bytes((len(payload), 0, 0)) + address + payload
-        return bytes((_MARKER_2,)) + covered + mcrf4xx(covered + bytes((seed,))).to_bytes(2, "little")
+        return bytes((_MARKER_2,)) + covered + mcrf4xx(covered + bytes((crc_extra,))).to_bytes(2, "little")

@@ -1,4 +1,4 @@
-"""Joins the CAN frames of NMEA 2000 to messages.
+"""Reassembles the messages of NMEA 2000 from CAN frames.
 
 A CAN identifier of 29 bits contains priority, parameter group number (PGN) and source address (ISO 11783-3). A message
 of up to 8 bytes is one frame. A longer one is a fast packet: the first byte of each frame contains a sequence number
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from firmware_py.sensors.nmea2000_layout import MAX_MESSAGE_BYTES
 
 ADDRESS_CLAIM = 60928
-MAX_ADDRESS = 251  # 252 and 253 are not assigned, 254: without an address, 255: all
+MAX_ADDRESS = 251  # 252 and 253 are not assigned, 254: null address, 255: global address
 FRAME_BYTES = 8
 MAX_OPEN_MESSAGES = 32  # incomplete fast packets; then the oldest is dropped
 MAX_FRAME_INTERVAL_S = 0.75  # between two frames of a fast packet
@@ -33,7 +33,7 @@ class Message(NamedTuple):
 def split_identifier(identifier: int) -> tuple[int, int]:
     """Return PGN and source address of a CAN identifier of 29 bits.
 
-    Below 240, the third byte from the end (PDU format) is followed by a destination, which is not part of the PGN.
+    If the third byte from the end (PDU format) is below 240, the next byte is a destination, not part of the PGN.
     """
     pgn = identifier >> 8 & 0x3FFFF
     return (pgn if pgn & 0xFF00 >= 0xF000 else pgn & 0x3FF00), identifier & 0xFF
@@ -41,7 +41,7 @@ def split_identifier(identifier: int) -> tuple[int, int]:
 
 @dataclass(slots=True)
 class _OpenMessage:
-    """A fast packet with missing frames."""
+    """A fast packet with missing frames: its length in bytes, and the number of frames received."""
 
     sequence: int
     length: int
@@ -64,7 +64,11 @@ class FrameJoiner:
         self.lost = 0
 
     def add(self, identifier: int, data: bytes, now_s: float) -> Message | None:
-        """Return the message that a frame completes; None for other PGNs and while frames are missing."""
+        """Return the message that a frame completes, or None.
+
+        None: another PGN, frames are still missing, or the frame is invalid: a single frame without 8 bytes, or a frame
+        that drops its fast packet.
+        """
         pgn, source = split_identifier(identifier)
         if pgn in self._single:
             return Message(pgn, source, data) if len(data) == FRAME_BYTES else None

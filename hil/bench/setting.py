@@ -10,9 +10,13 @@ from pathlib import Path
 class Setting:
     """Durations and counts of all measurements.
 
-    The latency is measured from `lock_s` after the first goal: the ticks approach the compass samples by 0.5 ms per
-    tick, by half a period at most, and the end of the approach has a time constant of ten ticks. Measurements that
-    compare two programs run `pairs` of them in turns.
+    The latency is measured for `sense_s`, from `lock_s` after the first goal: the ticks approach the compass samples by
+    0.5 ms per tick, by half a period at most, and the end of the approach has a time constant of ten ticks.
+
+    `load_s`, `bare_load_s`: duration of the load measurement of the autopilot and of a minimal Python process.
+    `starts`: starts of the autopilot, and lockstep runs. `lockstep_s`: simulated time of each lockstep run.
+    `pairs`: alternating runs of each of two compared programs, and repeated runs of an offline tool.
+    `evaluations`: evaluations of the objective in one run of the fish swarm.
     """
 
     directory: Path
@@ -31,7 +35,7 @@ class Setting:
 
 
 def quick(directory: Path) -> Setting:
-    """Return the setting for about three minutes."""
+    """Return the setting for a bench of about three minutes."""
     return Setting(
         directory,
         lock_s=15.0,
@@ -46,7 +50,7 @@ def quick(directory: Path) -> Setting:
 
 
 def thorough(directory: Path) -> Setting:
-    """Return the setting for about six minutes."""
+    """Return the setting for a bench of about six minutes."""
     return Setting(
         directory,
         lock_s=25.0,

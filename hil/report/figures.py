@@ -1,6 +1,6 @@
 """The figures of a run from its truth, which is read in pieces so that memory does not grow with its length.
 
-An error is heading less goal: a boat that a rudder bias pushes to port of its goal has a negative mean error. Headings
+An error is heading minus goal: a boat that a rudder bias pushes to port of its goal has a negative mean error. Headings
 are those of the hull without wave yaw.
 """
 

@@ -25,7 +25,7 @@ from hil.sim.truth import RecordedTruth, Truth
 
 MAX_TEXTS = 500
 NOTE = (
-    "Errors are heading less goal; the heading is the hull's without wave yaw. Errors and rudder travel are those of "
+    "Error: heading minus goal, with the heading of the hull without wave yaw. Errors and rudder travel are those of "
     "the steady part, which begins 200 s after a goal, or with the last third of a shorter one. Overshoot is counted "
     "before it, in the direction of the step. Settled: last time with an error larger than 3 deg."
 )
@@ -35,7 +35,8 @@ INTERRUPTED = "interrupted"
 def make(out: Path) -> tuple[Summary, Path]:
     """Write summary.json, report.html and run.png of a complete or partial run; return figures and path of the page.
 
-    run.png is omitted if matplotlib is not installed. Raises UsageError for a directory without a run.
+    run.png is omitted if matplotlib is not installed. Raises UsageError for a directory without a run, and HilError
+    for a file that cannot be written.
     """
     record = run_file.read(out)
     log = summary.read_onboard_logs(out)
@@ -97,8 +98,8 @@ def _ending(record: RunFile) -> Iterator[str]:
 def _mission(figures: Summary) -> Iterator[str]:
     if (line := figures["cross_track"]) is not None:
         yield page.paragraph(
-            f"Cross-track error {line['rms_m']:.1f} m (rms), below {line['p95_m']:.1f} m for 95 % of the time, by the "
-            "boat's receiver."
+            f"Cross-track error {line['rms_m']:.1f} m (rms), below {line['p95_m']:.1f} m for 95 % of the time, "
+            "measured by the boat's GNSS receiver."
         )
     if figures["arrivals"]:
         reached_items = ", ".join(

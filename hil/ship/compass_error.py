@@ -27,7 +27,7 @@ class CompassErrors:
         self._lag_gain = 1.0 if errors.lag_s <= 0.0 else -math.expm1(-step_s / errors.lag_s)
         self._step_s = step_s
         self._roll = roll
-        self.roll_share = 1.0  # ratio of the waves to their mean
+        self.roll_ratio = 1.0  # ratio of the waves to their mean
         self._output_rad: float | None = None
 
     def step(self, heading_rad: float) -> None:
@@ -49,4 +49,4 @@ class CompassErrors:
         a, b, c, d, e = self._coefficients
         sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
         deviation_rad = a + b * sine + c * cosine + d * 2.0 * sine * cosine + e * (cosine * cosine - sine * sine)
-        return heading_rad - deviation_rad - self.roll_share * self._roll.angle_rad(offset_s) * cosine
+        return heading_rad - deviation_rad - self.roll_ratio * self._roll.angle_rad(offset_s) * cosine

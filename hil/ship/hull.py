@@ -1,4 +1,4 @@
-"""The hull in the sea of a scenario, on a fixed grid of time.
+"""Simulated hull in the sea of a scenario, with a fixed time step.
 
 The state advances on the grid k * GRID_S; between grid points values are read from the state at the start of the grid
 step. A reading depends on its time alone, not on the times of other calls. So a run is identical, bit for bit, at any
@@ -45,7 +45,7 @@ class PureDelay:
 
 
 class Hull:
-    """Heading, yaw rate, track and wave yaw; `offset` arguments are seconds into the present grid step.
+    """Heading, yaw rate, track and wave yaw; `offset_s` is the time since the start of the present grid step.
 
     With the disturbance `float` there are two bodies: the rudder turns the glider, which sets the course; the compass
     is on the float, which the waves yaw.
@@ -85,7 +85,7 @@ class Hull:
         self._steps = 0
         self._mean_speed_m_s = self.speed_m_s = scenario.speed_m_s
         self._rudder_rad = 0.0
-        self._wave_ratio = 1.0
+        self._wave_ratio = 1.0  # wave amplitude relative to its mean
         self._add_disturbances(scenario, seed)
 
     def _add_disturbances(self, scenario: Scenario, seed: int) -> None:
@@ -135,7 +135,7 @@ class Hull:
         if self._delay is not None:
             rudder_rad = self._delay.step(rudder_rad)
         previous_rad = self._plant.heading_rad
-        self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._offset_rad())
+        self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._disturbance_rudder_rad())
         if self._yaw_noise is not None:
             self._plant.yaw_rate_rad_s += self._yaw_noise.jump_rad_s(self._model.turning_lag_s)
         middle_rad = 0.5 * (previous_rad + self._plant.heading_rad)
@@ -161,12 +161,12 @@ class Hull:
         """Change the heading at once, as a collision does."""
         self._plant.heading_rad += angle_rad
 
-    def _update_speed(self, speed: SpeedInWaves) -> None:
-        speed.step(self._steps * GRID_S)
-        self._wave_ratio = speed.waves
+    def _update_speed(self, wave_speed: SpeedInWaves) -> None:
+        wave_speed.step(self._steps * GRID_S)
+        self._wave_ratio = wave_speed.wave_ratio
         if self._compass is not None:
-            self._compass.roll_share = speed.waves
-        self.speed_m_s = self._track.speed_m_s = self._mean_speed_m_s * speed.speed
+            self._compass.roll_ratio = wave_speed.wave_ratio
+        self.speed_m_s = self._track.speed_m_s = self._mean_speed_m_s * wave_speed.speed_ratio
         model = self._ship_model.at_speed(max(self.speed_m_s, STEERAGE_M_S))
         if self.speed_m_s < STEERAGE_M_S:
             model = model._replace(turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
@@ -179,7 +179,7 @@ class Hull:
         return self._plant.heading_rad + offset_s * (rate_rad_s + 0.5 * offset_s * self._yaw_acceleration())
 
     def float_heading_rad(self, offset_s: float) -> float:
-        """Return the heading of the body with the compass without wave yaw, unwrapped."""
+        """Return the heading of the float, which has the compass, without wave yaw, unwrapped."""
         body = self._float
         if body is None:
             return self.glider_heading_rad(offset_s)
@@ -187,7 +187,10 @@ class Hull:
         return body.heading_rad + offset_s * (body.yaw_rate_rad_s + 0.5 * offset_s * acceleration)
 
     def heading_low_rad(self, offset_s: float) -> float:
-        """Return the hull's heading without wave yaw, unwrapped: the direction of its motion, except for leeway."""
+        """Return the hull's heading without wave yaw, unwrapped.
+
+        It is the course through the water if the disturbances `leeway` and `slide` are absent.
+        """
         return self.glider_heading_rad(offset_s)
 
     def heading_rad(self, offset_s: float) -> float:
@@ -249,10 +252,10 @@ class Hull:
             model.turning_ability_1_s,
             model.turning_lag_s,
             model.norrbin_s2,
-            model.rudder_offset_rad + self._offset_rad(),
+            model.rudder_offset_rad + self._disturbance_rudder_rad(),
         )
 
-    def _offset_rad(self) -> float:
+    def _disturbance_rudder_rad(self) -> float:
         """Return the rudder-equivalent angle of bias variation and gusts."""
         return self._drift.angle_rad + self._gusts.angle_rad
 

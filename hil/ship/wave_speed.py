@@ -15,7 +15,7 @@ DECAY_S = 60.0  # waves outlast their wind, and a boat of 200 kg slows down, wit
 
 
 class SpeedInWaves:
-    """Ratios of speed and wave amplitude to their means, one grid step at a time: `speed` and `waves`."""
+    """Ratios of speed and wave amplitude to their means, one grid step at a time."""
 
     def __init__(self, options: WaveSpeed, step_s: float, numbers: NormalNumbers) -> None:
         """Start in the stationary state."""
@@ -25,15 +25,15 @@ class SpeedInWaves:
         self._calm_interval_s = (options.calm_at_s, options.calm_at_s + options.calm_for_s)
         self._numbers = numbers
         self._group_ratio = options.spread * numbers.draw()
-        self.waves = 1.0
-        self.speed = self._speed_ratio()
+        self.wave_ratio = 1.0
+        self.speed_ratio = self._speed_ratio()
 
     def step(self, now_s: float) -> None:
         """Advance one grid step, which ends at now_s."""
         self._group_ratio = self._correlation * self._group_ratio + self._noise_gain * self._numbers.draw()
         target = 0.0 if self._calm_interval_s[0] <= now_s < self._calm_interval_s[1] else 1.0
-        self.waves = target + self._decay * (self.waves - target)
-        self.speed = self._speed_ratio()
+        self.wave_ratio = target + self._decay * (self.wave_ratio - target)
+        self.speed_ratio = self._speed_ratio()
 
     def _speed_ratio(self) -> float:
-        return self.waves * min(max(1.0 + self._group_ratio, 0.0), MAX_SPEED_RATIO)
+        return self.wave_ratio * min(max(1.0 + self._group_ratio, 0.0), MAX_SPEED_RATIO)

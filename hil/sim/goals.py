@@ -1,4 +1,4 @@
-"""The goals of a run: headings that the operator sets, each at a time."""
+"""The goals of a run: headings, with the times at which the operator sets them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_TIME_S = 1e7
 
 
 class GoalError(ValueError):
-    """A goal is invalid; the text states the syntax."""
+    """A goal is invalid; the text states the problem and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)

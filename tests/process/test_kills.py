@@ -1,6 +1,7 @@
 """After a kill at any moment the autopilot starts with all acknowledged requests in force.
 
-The proof kills it a thousand times, or `KILLS=100 pytest -m proof tests/process/test_kills.py`; the suite a few times.
+The test suite kills it a few times. The proof kills it a thousand times, or as often as `KILLS` says:
+`KILLS=100 pytest -m proof tests/process/test_kills.py`.
 """
 
 import math
@@ -22,13 +23,14 @@ SETTINGS = {"BOOT_RESUME": 2, "LOG_ENABLE": 0, "WP_RADIUS": 5.0}
 MANUAL, STEERING, HOLD, AUTO, GUIDED = 0, 3, 4, 10, 15
 ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING = 400, 176, 179, 224, 43002
 HEARTBEAT, CURRENT, TARGET, HOME = 0, 42, 83, 242
+FORCE_ARM = 21196.0  # skips the arming checks
 STORAGE_DELAY_S = 0.2  # until an unacknowledged request is on disk
 TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True)
 class ExpectedState:
-    """State that a station expects of the boat; None: any value."""
+    """State that a ground station expects of the boat; None: any value."""
 
     armed: bool | None = None
     mode: int | None = None
@@ -50,8 +52,8 @@ class ExpectedState:
 
 
 @dataclass
-class Order:
-    """A request of a station.
+class Request:
+    """A request of a ground station.
 
     `send` gets the station and returns a generator that ends at the acknowledgement and returns whether the request was
     accepted. `change` returns the state expected after the request from the state before it.
@@ -62,9 +64,9 @@ class Order:
     change: object
 
 
-def command_order(name, number, *values, **changes):
+def command_request(name, number, *values, **changes):
     """Return a command that changes these fields of the state."""
-    return Order(
+    return Request(
         name,
         lambda station: send_once(station, station.command(number, *values), number),
         lambda expected: replace(expected, **changes),
@@ -73,28 +75,28 @@ def command_order(name, number, *values, **changes):
 
 def arm(rng, _expected):
     arms = rng.random() < 0.6
-    return command_order(f"armed {arms}", ARM, float(arms), 21196.0, armed=arms)
+    return command_request(f"armed {arms}", ARM, float(arms), FORCE_ARM, armed=arms)
 
 
 def set_mode(rng, expected):
     mode = rng.choice((MANUAL, STEERING, HOLD, AUTO, GUIDED, GUIDED))
     # Another mode that steers headings starts with the present heading as goal.
     changes = {} if expected.mode == mode else {"mode": mode, "goal_deg": None}
-    return command_order(f"mode {mode}", SET_MODE, 1.0, float(mode), **changes)
+    return command_request(f"mode {mode}", SET_MODE, 1.0, float(mode), **changes)
 
 
 def change_heading(rng, _expected):
     goal_deg = float(rng.randrange(360))
-    return command_order(f"goal {goal_deg}", CHANGE_HEADING, 1.0, goal_deg, goal_deg=goal_deg)
+    return command_request(f"goal {goal_deg}", CHANGE_HEADING, 1.0, goal_deg, goal_deg=goal_deg)
 
 
 def set_current(rng, expected):
     number = rng.randrange(1, 1 + len(expected.items or (1,)))
-    return command_order(f"item {number}", SET_CURRENT, float(number), current=number)
+    return command_request(f"item {number}", SET_CURRENT, float(number), current=number)
 
 
 def setpoint(rng, _expected):
-    """Return a setpoint, which has no acknowledgement: it counts when it is in force and stored."""
+    """Return a setpoint, which has no acknowledgement: it is accepted when it is in force and stored."""
     goal_deg = float(rng.randrange(360))
     half_rad = math.radians(goal_deg) / 2.0
     q = [math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)]
@@ -110,7 +112,7 @@ def setpoint(rng, _expected):
         time.sleep(STORAGE_DELAY_S)
         return True
 
-    return Order(f"setpoint {goal_deg}", send, lambda expected: replace(expected, goal_deg=goal_deg))
+    return Request(f"setpoint {goal_deg}", send, lambda expected: replace(expected, goal_deg=goal_deg))
 
 
 def set_gain(rng, _expected):
@@ -124,13 +126,13 @@ def set_gain(rng, _expected):
                     return message.param_value == gain
             yield
 
-    return Order(f"gain {gain}", send, lambda expected: replace(expected, gain=gain))
+    return Request(f"gain {gain}", send, lambda expected: replace(expected, gain=gain))
 
 
 def set_home(rng, _expected):
     position = (rng.randrange(-800_000_000, 800_000_000), rng.randrange(-1_700_000_000, 1_700_000_000))
     message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *position, 0.0)
-    return Order(
+    return Request(
         f"home {position}",
         lambda station: send_once(station, [message], SET_HOME),
         lambda expected: replace(expected, home=position),
@@ -142,7 +144,7 @@ def new_mission(rng, _expected):
     positions = tuple(
         (rng.randrange(100_000_000, 800_000_000), rng.randrange(10**9)) for _ in range(rng.randrange(2, 5))
     )
-    return Order(
+    return Request(
         f"mission of {len(positions)}",
         lambda station: station.upload(positions),
         lambda expected: replace(expected, items=positions, current=1),
@@ -150,7 +152,7 @@ def new_mission(rng, _expected):
 
 
 # Modes and goals are changed twice as often as the others.
-ORDERS = (
+REQUESTS = (
     arm,
     set_mode,
     set_mode,
@@ -165,15 +167,15 @@ ORDERS = (
 
 
 @dataclass
-class Voyage:
-    """A boat whose autopilot is killed repeatedly, and the state that its station expects."""
+class KillRig:
+    """A boat whose autopilot is killed repeatedly, and the state that its ground station expects."""
 
     boat: object
     station: RetryingStation
     rng: random.Random
     expected: ExpectedState = field(default_factory=ExpectedState)
     possible: tuple[ExpectedState, ...] = ()
-    orders: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
     kills: int = 0
 
     def end(self):
@@ -190,10 +192,10 @@ class Voyage:
         self.station.end_reason = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
         actual = self.read_state()
         fitting = [expected for expected in self.possible or (self.expected,) if expected.fits(actual)]
-        assert fitting, f"kill {self.kills}: started with\n{actual}\nexpected one of\n{self.possible}\n{self.orders}"
+        assert fitting, f"kill {self.kills}: started with\n{actual}\nexpected one of\n{self.possible}\n{self.requests}"
         # If two states fit, only their common fields are reliable.
         self.expected = fitting[0] if len(fitting) == 1 else common_state(*fitting)
-        self.orders.clear()
+        self.requests.clear()
 
     def read_state(self):
         """Request the state of the boat."""
@@ -217,21 +219,21 @@ class Voyage:
             home=None if home is None else (home.latitude, home.longitude),
         )
 
-    def order(self, *, is_answered):
-        """Send an order. Without waiting for the answer, it may be in force or not."""
-        order = self.rng.choice(ORDERS)(self.rng, self.expected)
-        if self.expected.mode not in (GUIDED, STEERING) and order.name.startswith(("goal", "setpoint")):
-            order = set_mode(self.rng, self.expected)
-        next_state = order.change(self.expected)
-        steps = order.send(self.station)
-        if not is_answered:
+    def send_request(self, *, is_acknowledged):
+        """Send a random request; without waiting for the acknowledgement, it may be in force or not."""
+        request = self.rng.choice(REQUESTS)(self.rng, self.expected)
+        if self.expected.mode not in (GUIDED, STEERING) and request.name.startswith(("goal", "setpoint")):
+            request = set_mode(self.rng, self.expected)
+        next_state = request.change(self.expected)
+        steps = request.send(self.station)
+        if not is_acknowledged:
             for _ in range(self.rng.randrange(4)):
                 next(steps, None)
-            self.orders.append(f"{order.name}, unanswered")
+            self.requests.append(f"{request.name}, not acknowledged")
             self.possible = (self.expected, next_state)
             return
-        accepted = finish_order(steps)
-        self.orders.append(f"{order.name}{'' if accepted else ', refused'}")
+        accepted = finish_request(steps)
+        self.requests.append(f"{request.name}{'' if accepted else ', refused'}")
         if accepted is None:
             self.expected = common_state(self.expected, next_state)
         elif accepted:
@@ -245,8 +247,8 @@ class Voyage:
         self.kills += 1
 
 
-def finish_order(steps):
-    """Wait for the answer; return whether the order was accepted, None if unknown."""
+def finish_request(steps):
+    """Wait for the acknowledgement; return whether the request was accepted, None if unknown."""
     while True:
         try:
             next(steps)
@@ -265,27 +267,27 @@ def common_state(first, second):
 
 
 @pytest.fixture
-def voyage(make_boat):
+def rig(make_boat):
     boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
-    voyage = Voyage(boat, RetryingStation(), random.Random(20180825))
+    rig = KillRig(boat, RetryingStation(), random.Random(20180825))
     with running_devices(boat):
         try:
-            yield voyage
+            yield rig
         finally:
-            voyage.end()
+            rig.end()
 
 
 @pytest.mark.parametrize(
     "kills", [pytest.param(FEW_KILLS, id="few"), pytest.param(MANY_KILLS, id="many", marks=pytest.mark.proof)]
 )
-def test_acknowledged_requests_are_in_force_after_a_kill_at_any_moment(voyage, kills):
+def test_acknowledged_requests_are_in_force_after_a_kill_at_any_moment(rig, kills):
     start_s = time.monotonic()
     for _ in range(kills):
-        voyage.start()
-        for _ in range(voyage.rng.randrange(1, 5)):
-            voyage.order(is_answered=True)
-        if voyage.rng.random() < 0.5:
-            voyage.order(is_answered=False)
-        voyage.kill()
-    voyage.start()
-    print(f"{voyage.kills} kills in {time.monotonic() - start_s:.0f} s")
+        rig.start()
+        for _ in range(rig.rng.randrange(1, 5)):
+            rig.send_request(is_acknowledged=True)
+        if rig.rng.random() < 0.5:
+            rig.send_request(is_acknowledged=False)
+        rig.kill()
+    rig.start()
+    print(f"{rig.kills} kills in {time.monotonic() - start_s:.0f} s")

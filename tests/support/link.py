@@ -67,7 +67,7 @@ class FakeRequestHandler(DecideTogether):
         self.values = ParameterSet()
         self.compass_swing = CompassSwing()
         self.at_once = True
-        self.plans_kept = Plans()
+        self.stored_plans = Plans()
         self.plans_stored = True
         self.orders_at_once = True
         self.orders_stored = True
@@ -90,7 +90,7 @@ class FakeRequestHandler(DecideTogether):
         return self.values
 
     def plans(self):
-        return self.plans_kept
+        return self.stored_plans
 
     def replace_plan(self, request, done):
         if self.decide(request).verdict is not Verdict.ACCEPTED:
@@ -99,7 +99,7 @@ class FakeRequestHandler(DecideTogether):
 
         def stored(well):
             if well:
-                self.plans_kept = self.plans_kept.replaced(request.intent.plan)
+                self.stored_plans = self.stored_plans.replaced(request.intent.plan)
             done(self.answer if well else Answer(Verdict.FAILED, "the disk is full"))
 
         if self.at_once:

@@ -83,7 +83,7 @@ class SatelliteBoat:
     def status(self):
         return self.endpoint.status(self.now_s)[0].satellite
 
-    def tell(self, *events):
+    def publish_events(self, *events):
         self._publish(events)
 
     def run(self, seconds, idle_s=None):

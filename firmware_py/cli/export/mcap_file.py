@@ -1,4 +1,4 @@
-"""Write MCAP for Foxglove: each log message as JSON on a topic of its name, position and texts in schemas of Foxglove.
+"""Write MCAP for Foxglove: a JSON topic for each kind of log message; position and texts also in Foxglove's schemas.
 
 Foxglove allows one type per field, so unknown values are omitted, not null. A layout file for Foxglove is written next
 to the MCAP file.
@@ -45,13 +45,16 @@ _LEVELS: Final[Mapping[Any, int]] = {
 _PLOTS: Final = {
     "Heading": ("/ATT.Yaw", "/ATT.DesYaw", "/XKF1.Yaw"),
     "Rudder": ("/STER.Demanded", "/STER.Achieved"),
-    "Cross-track error": ("/NTUN.XTrack", "/NTUN.WpDist"),
+    "Cross-track error, waypoint distance": ("/NTUN.XTrack", "/NTUN.WpDist"),
     "Battery": ("/BAT{Inst==0}.Volt", "/BAT{Inst==0}.Curr"),  # instance 1 is the servo supply
 }
 
 
 def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
-    """Write the file and the layout next to `out`; return a summary, empty without messages."""
+    """Write the messages to `path` and the layout next to `out`; return a summary, empty without messages.
+
+    `path` is a partial file, which the caller renames to `out`.
+    """
     from mcap.writer import Writer  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
 
     offset_s = utc_offset_s(buffer) or 0.0
@@ -75,18 +78,18 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
 
 
 def _register_channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
-    """Register the schema and the channel of a topic; return the number of the channel."""
+    """Register the schema and the channel of a topic; return the channel id."""
     name, properties = _SCHEMAS.get(topic) or (
         f"rambler.{topic[1:]}",
         {key: {"type": "string"} if isinstance(value, str) else _NUMBER for key, value in values.items()},
     )
     schema = json.dumps({"title": name, "type": "object", "properties": properties}).encode()
-    number = writer.register_schema(name=name, encoding="jsonschema", data=schema)
-    return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=number))
+    schema_id = writer.register_schema(name=name, encoding="jsonschema", data=schema)
+    return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id))
 
 
 def _topics_of(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
-    """Return the topics of a message with their values: that of its name, and one of Foxglove for POS and MSG."""
+    """Return the topics of a message with their values: one with its name, and for POS and MSG one of Foxglove."""
     values = message.values
     topics = [(f"/{message.name}", values)]
     stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}

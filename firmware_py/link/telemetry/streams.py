@@ -11,7 +11,7 @@ from firmware_py.link.wire.urls import LinkClass
 MIN_INTERVAL_S = 0.02  # of the fastest loop, 50 Hz
 # Ground stations request high rates by default; a satellite link rejects them.
 MIN_SATELLITE_INTERVAL_S = 10.0
-MIN_MESSAGE_INTERVAL_S = 600.0  # paid messages
+MIN_PAID_INTERVAL_S = 600.0  # LinkClass.MESSAGES: each message is paid
 MAX_INTERVAL_S = 3600.0
 HIGH_LATENCY2 = 235
 _OFF = math.inf
@@ -24,7 +24,7 @@ _DEFAULT_RATE_HZ: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
 }
 _MIN_INTERVAL_OF_CLASS_S: Mapping[LinkClass, float] = {
     LinkClass.SATELLITE: MIN_SATELLITE_INTERVAL_S,
-    LinkClass.MESSAGES: MIN_MESSAGE_INTERVAL_S,
+    LinkClass.MESSAGES: MIN_PAID_INTERVAL_S,
 }
 
 
@@ -34,7 +34,7 @@ class Streams:
     __slots__ = ("_default_interval_s", "_due_s", "_interval_s", "_min_interval_s", "_min_stream_interval_s")
 
     def __init__(self, link_class: LinkClass, now_s: float) -> None:
-        """Start with the default rates of the class, and all active messages due. A satellite link has no defaults."""
+        """Start with the default rates of the class, and all active messages due. Satellite links have no defaults."""
         self._min_interval_s = _MIN_INTERVAL_OF_CLASS_S.get(link_class, MIN_INTERVAL_S)
         rates_hz = [_DEFAULT_RATE_HZ[link_class](row) for row in TABLE]
         # A stream request must not fill a radio link with messages that rarely change.
@@ -47,50 +47,53 @@ class Streams:
         self._due_s = [now_s if rate_hz else _OFF for rate_hz in rates_hz]
 
     def due_rows(self, now_s: float, tick_s: float) -> Sequence[int]:
-        """Return the rows due before half of the next tick interval `tick_s`, in order of their due times."""
+        """Return the indices of the rows due within half a tick interval `tick_s`, in order of their due times."""
         limit_s = now_s + 0.5 * tick_s
-        if min(self._due_s) > limit_s:  # the quick result of about two thirds of the ticks
+        if min(self._due_s) > limit_s:  # true in about two thirds of the ticks
             return ()
         rows = [row for row, due_s in enumerate(self._due_s) if due_s <= limit_s]
         rows.sort(key=self._due_s.__getitem__)
         return rows
 
     def schedule_next(self, row: int, now_s: float, interval_factor: float = 1.0) -> None:
-        """Set the next due time of a row that was sent or had no content; missed intervals are skipped."""
+        """Set the next due time of a row that was sent or had no content; missed intervals are skipped.
+
+        `interval_factor` lengthens the interval, for example in power saving.
+        """
         interval_s = self._interval_s[row] * interval_factor
         next_s = self._due_s[row] + interval_s
         self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
 
-    def make_due(self, number: int, now_s: float) -> None:
+    def make_due(self, message_id: int, now_s: float) -> None:
         """Make a message due now unless it is off."""
-        for row in ROWS_OF.get(number, ()):
+        for row in ROWS_OF.get(message_id, ()):
             if self._interval_s[row] < _OFF:
                 self._due_s[row] = now_s
 
-    def postpone(self, number: int, now_s: float) -> None:
+    def postpone(self, message_id: int, now_s: float) -> None:
         """Restart the interval of a message that was sent before it was due."""
-        for row in ROWS_OF.get(number, ()):
+        for row in ROWS_OF.get(message_id, ()):
             self._due_s[row] = now_s + self._interval_s[row]
 
     def make_all_due(self, now_s: float) -> None:
         """Make all active messages due now, after a change of the intervals."""
         self._due_s = [now_s if interval_s < _OFF else _OFF for interval_s in self._interval_s]
 
-    def interval_us(self, number: int) -> int | None:
+    def interval_us(self, message_id: int) -> int | None:
         """Return the interval of a message in microseconds; -1 if it is off, None for an unknown message."""
-        rows = ROWS_OF.get(number)
+        rows = ROWS_OF.get(message_id)
         if rows is None:
             return None
         interval_s = self._interval_s[rows[0]]
         return -1 if interval_s == _OFF else round(interval_s * 1e6)
 
-    def set_interval(self, number: int, interval_us: float, now_s: float) -> bool:
+    def set_interval(self, message_id: int, interval_us: float, now_s: float) -> bool:
         """Set an interval: -1 turns the message off, 0 restores its default. Return False if it is rejected.
 
         The interval of HEARTBEAT cannot be set: without heartbeats a ground station reports a lost link.
         """
-        rows = ROWS_OF.get(number)
-        if rows is None or number == 0 or not math.isfinite(interval_us):
+        rows = ROWS_OF.get(message_id)
+        if rows is None or message_id == 0 or not math.isfinite(interval_us):
             return False
         if interval_us in (-1.0, 0.0):
             for row in rows:

@@ -1,4 +1,4 @@
-"""The package lock of the float is complete, with hashes and with the tested versions."""
+"""The package lock of the onboard computer is complete, with hashes and with the tested versions."""
 
 import importlib.metadata
 import importlib.util
@@ -26,7 +26,7 @@ def locked_packages():
 
 
 def test_lock_has_versions_and_hashes_only():
-    """An index or a marker would apply to every float."""
+    """A package index or an environment marker in the lock would apply on every boat."""
     assert LOCKED_PACKAGE.sub("", LOCK.read_text()) == ""
     for name, (_, hashes) in locked_packages().items():
         assert len(hashes) == len(set(hashes)) >= 2, f"{name}: at least a wheel and a source archive"
@@ -47,8 +47,8 @@ def test_lock_is_complete():
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
             continue
         name = canonicalize_name(requirement.name)
-        assert name in locked_packages(), "make lock"
-        assert requirement.specifier.contains(locked_packages()[name][0]), f"{requirement}: make lock"
+        assert name in locked_packages(), f"{name} is not locked: run `make lock`"
+        assert requirement.specifier.contains(locked_packages()[name][0]), f"{requirement}: run `make lock`"
         if name not in names:
             names.add(name)
             pending += [Requirement(text) for text in importlib.metadata.requires(name) or ()]

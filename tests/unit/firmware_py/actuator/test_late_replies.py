@@ -8,14 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.actuator import feetech_protocol
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
-from firmware_py.actuator.dynamixel_registers import GOAL_READS
+from firmware_py.actuator.dynamixel_registers import GOAL_READS, LIMITS, STATE, WATCHDOG
 from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
 
 COUNT_RAD = 2.0 * math.pi / 4096
-CONFIGURED_TICKS = 30
+CONFIGURED_TICKS = 30  # after these the servo is configured
+TORQUE, GOAL = 64, 116  # registers of a Dynamixel
 STEP_S = 0.005
 
 
@@ -96,10 +98,10 @@ def test_constant_reply_delay_is_no_fault(fakes, servo, reply_delay_s):
     assert set(rig.states) == {DeviceState.RUNNING}
     assert len(feedback) >= 120
     assert recorder.has_true_positions(feedback)
-    assert servo.reads.count(48) == 0  # the limits are read only after a rejected goal
-    assert {address for address, _ in servo.ram_writes} == {116}
+    assert servo.reads.count(LIMITS.address) == 0  # the limits are read only after a rejected goal
+    assert {address for address, _ in servo.ram_writes} == {GOAL}
     assert len(servo.ram_writes) >= 120
-    assert 64 in servo.reads  # the state is still read
+    assert STATE.address in servo.reads
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -114,13 +116,13 @@ def test_some_late_and_lost_replies_are_no_fault(fakes, servo, seed, baud, perio
     assert set(rig.states) == {DeviceState.RUNNING}
     assert len(feedback) > 150
     assert recorder.has_true_positions(feedback)
-    assert servo.reads.count(48) == 0
+    assert servo.reads.count(LIMITS.address) == 0
 
 
 def test_rejected_goal_is_detected_by_late_replies(fakes, servo):
     rig, _ = late_rig(fakes, servo, lambda: 0.12)
     rig.ticks(CONFIGURED_TICKS)
-    servo.write_errors[116] = 7
+    servo.write_errors[GOAL] = 7
     rig.ticks(20)
     assert rig.rudder.health(rig.now_s).text == "servo rejects goal position"
     servo.write_errors.clear()
@@ -133,10 +135,10 @@ def test_restart_and_watchdog_trip_are_detected_by_late_replies(fakes, servo):
     rig.ticks(CONFIGURED_TICKS)
     servo.restart()
     rig.ticks(30)
-    assert (servo.registers[64], servo.registers[98]) == (1, 100)
+    assert (servo.registers[TORQUE], servo.registers[WATCHDOG.address]) == (1, 100)
     servo.trip_watchdog()
     rig.ticks(30)
-    assert servo.registers[98] == 100
+    assert servo.registers[WATCHDOG.address] == 100
     rig.ticks(30)
     feedback = rig.ticks(1)
     assert feedback[-1].restarts == 1
@@ -146,13 +148,13 @@ def test_shortest_read_is_used_again_after_a_reply_in_time(fakes, servo):
     delay_s = [0.002]
     rig, _ = late_rig(fakes, servo, lambda: delay_s[0])
     rig.ticks(CONFIGURED_TICKS)
-    longer = {look.address for look in GOAL_READS[1:]}
+    longer = {block.address for block in GOAL_READS[1:]}
     for reply_delay_s, addresses in ((0.002, set()), (0.12, longer), (0.002, set())):
         delay_s[0] = reply_delay_s
         rig.ticks(4)
         servo.reads.clear()
         rig.ticks(60)
-        assert {address for address in servo.reads if 99 < address < 116} == addresses
+        assert {address for address in servo.reads if WATCHDOG.address < address < GOAL} == addresses
 
 
 DELAYS = st.lists(st.sampled_from([0.0, 0.016, 0.05, 0.12, 0.21, 0.4, None]), min_size=1, max_size=40)
@@ -206,7 +208,7 @@ def test_constant_reply_delay_of_a_feetech_is_no_fault(fakes, reply_delay_s):
     assert set(rig.states) == {DeviceState.RUNNING}
     assert len(feedback) >= 100
     assert recorder.has_true_positions(feedback)
-    assert {address for address, _, _ in servo.writes} == {42}
+    assert {address for address, _, _ in servo.writes} == {feetech_protocol.GOAL}
     assert len(servo.writes) >= 100
 
 
@@ -215,13 +217,14 @@ def test_shortest_read_of_a_feetech_is_used_again_after_a_reply_in_time(fakes):
     delay_s = [0.002]
     rig, _ = late_rig(fakes, servo, lambda: delay_s[0], feetech, baud=115_200)
     rig.ticks(CONFIGURED_TICKS)
+    shortest = feetech_protocol.STATES[0]
     for reply_delay_s, is_shortest in ((0.002, True), (0.12, False), (0.002, True)):
         delay_s[0] = reply_delay_s
         rig.ticks(4)
         servo.reads.clear()
         rig.ticks(60)
-        assert (set(servo.reads) == {40}) is is_shortest
-        assert set(servo.reads) <= {25, 28, 34, 37, 40}
+        assert (set(servo.reads) == {shortest.start}) is is_shortest
+        assert set(servo.reads) <= {block.start for block in feetech_protocol.STATES}
 
 
 @given(DELAYS, st.sampled_from([0.1, 0.04, 0.02, 0.5]), st.sampled_from([115_200, 1_000_000]))
@@ -271,7 +274,7 @@ class TestDamagedReplies:
         assert rig.recorder.has_true_positions(feedback)
         assert len(feedback) >= ticks - 2
         assert set(rig.states) == {DeviceState.RUNNING}
-        assert servo.reads.count(48) == 0
+        assert servo.reads.count(LIMITS.address) == 0
 
     def test_reply_divided_between_two_ticks(self, rig, servo):
         for cut in range(1, 42, 5):

@@ -80,7 +80,7 @@ def check(tmp_path, state, capsys, monkeypatch):
             findings.setdefault(row["subject"], []).append(row)
         return findings
 
-    run.compass = os.ttyname(ptys[0][1])
+    run.compass_port = os.ttyname(ptys[0][1])
     yield run
     for descriptor in (end for pair in ptys for end in pair):
         os.close(descriptor)
@@ -187,7 +187,7 @@ def test_too_small_loiter_radius_is_a_warning(check, state):
     assert circle["text"] == "LOIT_RADIUS 20 m: in a current the boat needs at least 78 m"
 
 
-def test_lost_key_fails_and_readable_key_is_a_warning(check, state):
+def test_lost_signing_key_fails_and_key_readable_by_others_is_a_warning(check, state):
     (state / "signing.key.0").write_text("spoiled")
     (state / "signing.key.0").chmod(0o644)
     findings = check()["state"]
@@ -268,7 +268,7 @@ def test_each_link_is_opened_and_open_access_is_a_warning(check):
             (f"udpin:0.0.0.0:{port}", "warn", "rambler key set"),
             (f"udpin:0.0.0.0:{port}", "fail", ""),
             ("serial:/dev/none:57600", "fail", "no such port"),
-            ("carrier pigeon", "fail", ""),
+            ("not a url", "fail", ""),
         ]
         trusted_url = f"tcpin:0.0.0.0:{port + 1}?trusted=1"
         urls = [*(url for url, _, _ in rows), trusted_url]
@@ -287,12 +287,12 @@ def test_program_that_shares_a_port_is_named(check):
     command = [sys.executable, "-c", code]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with (
-        subprocess.Popen([*command, check.compass], **pipes) as compass_user,
+        subprocess.Popen([*command, check.compass_port], **pipes) as compass_user,
         subprocess.Popen([*command, port], **pipes) as link_user,
     ):
         assert compass_user.stdout.readline() == link_user.stdout.readline() == b"opened\n"
         findings = check("--link", f"serial:{port}:57600")
-    for subject, pid, path in (("compass", compass_user.pid, check.compass), ("links", link_user.pid, port)):
+    for subject, pid, path in (("compass", compass_user.pid, check.compass_port), ("links", link_user.pid, port)):
         finding = findings[subject][0]
         assert finding["level"] == "fail"
         assert re.fullmatch(rf"Port {path}: also open in .+ \(process {pid}\); end that program", finding["text"])
@@ -396,7 +396,7 @@ def test_modem_has_twelve_seconds_for_its_reply(monkeypatch, reply_s, level, wai
     assert (polls_s[1], now_s[0]) == (pytest.approx(100.05), pytest.approx(100.0 + waited_s, abs=0.06))
 
 
-def test_devices_are_polled_ten_times_a_second_with_the_servo_released():
+def test_devices_are_polled_ten_times_a_second_with_servo_torque_off():
     times_s, descriptors, commands, samples = (
         [0.0],
         [],
@@ -410,9 +410,9 @@ def test_devices_are_polled_ten_times_a_second_with_the_servo_released():
             fileno=lambda: descriptor, command=lambda command, now_s: commands.append((command, now_s)),
         )  # fmt: skip
 
-    def wait(end_s, waiting):
+    def wait(end_s, polled_descriptors):
         times_s.append(end_s)
-        descriptors.append(waiting)
+        descriptors.append(polled_descriptors)
 
     session = BenchSession(SimpleNamespace(**dict.fromkeys(SECTION_ORDER)))
     drivers = {"wind": driver(7), "rudder": driver(-1), "compass": None}

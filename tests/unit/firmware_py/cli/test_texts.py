@@ -12,7 +12,7 @@ PATTERNS = {
     text: re.compile("(?s)" + ".+".join(re.escape(part) for part in re.split("<[^<>]*>", text))) for text in ENTRIES
 }
 # Texts composed of parts, which support.status_texts does not find.
-COMPOSED = (
+COMPOSED_TEXTS = (
     "AIS: another station uses the boat's MMSI 235000007",
     "Mission item 2 is 778 m outside the fence",
     "Leg to mission item 2 leaves the fence by 55 m",
@@ -37,11 +37,11 @@ def without_placeholders(text):
 
 @pytest.fixture(scope="module")
 def texts():
-    """Location by text, without texts of placeholders only: these forward a text created elsewhere."""
+    """Return the location of each text, except texts that only forward one created elsewhere."""
     locations = {
         text: location for text, location in status_texts() if re.search("[a-z]{3}", without_placeholders(text))
     }
-    return locations | dict.fromkeys(COMPOSED, "")
+    return locations | dict.fromkeys(COMPOSED_TEXTS, "")
 
 
 def test_every_text_has_an_entry(texts):

@@ -20,7 +20,7 @@ from firmware_py.control.law import (
 NOMINAL_SHIP = Ship(  # at 0.4 m/s
     turning_ability_1_s=0.049, turning_lag_s=4.0, norrbin_s2=17.0, limit_rad=math.radians(30.0), bias_rad=0.0
 )
-CORRECTION_RAD2_S = math.radians(0.3) ** 2
+CORRECTION_RAD2_S = math.radians(0.3) ** 2  # variance of the heading updates of the filter per second
 speed_ratios = st.floats(0.1, 3.0)
 corrections_rad2_s = st.floats(0.0, 1.0)
 travel_weights = st.floats(0.1, 10.0)
@@ -39,17 +39,17 @@ def delay_margin_s(ship, gain):
     error_gain = s_surface(gains, 1e-6, 0.0) / 1e-6
     rate_gain = -s_surface(gains, 0.0, 1e-7) / 1e-7
 
-    def loop_gain(omega):
-        s = 1j * omega
+    def loop_gain(omega_rad_s):
+        s = 1j * omega_rad_s
         return ship.turning_ability_1_s * (error_gain + rate_gain * s) / (s * (ship.turning_lag_s * s + 1.0))
 
-    min_omega, max_omega = 1e-6, 100.0
+    low_rad_s, high_rad_s = 1e-6, 100.0
     for _ in range(100):
-        middle_omega = math.sqrt(min_omega * max_omega)
-        min_omega, max_omega = (
-            (middle_omega, max_omega) if abs(loop_gain(middle_omega)) > 1.0 else (min_omega, middle_omega)
+        middle_rad_s = math.sqrt(low_rad_s * high_rad_s)
+        low_rad_s, high_rad_s = (
+            (middle_rad_s, high_rad_s) if abs(loop_gain(middle_rad_s)) > 1.0 else (low_rad_s, middle_rad_s)
         )
-    return (math.pi + cmath.phase(loop_gain(min_omega))) / min_omega
+    return (math.pi + cmath.phase(loop_gain(low_rad_s))) / low_rad_s
 
 
 @given(speed_ratios, corrections_rad2_s, travel_weights)
@@ -81,7 +81,9 @@ def test_gain_grows_with_lag_and_correction_and_decreases_with_the_travel_weight
 
 
 def test_deadband_grows_with_the_correction():
-    calm_rad, rough_rad = (deadband(CORRECTION_RAD2_S * factor, 2.0, 1.0) / 2.0 for factor in (0.01, 1.0))
+    """The quotient of deadband and proportional gain is the deadband as a heading error."""
+    gain = 2.0
+    calm_rad, rough_rad = (deadband(CORRECTION_RAD2_S * factor, gain, 1.0) / gain for factor in (0.01, 1.0))
     assert math.radians(0.25) < calm_rad < math.radians(0.35)
     assert math.radians(0.8) < rough_rad < math.radians(0.95)
 
@@ -100,11 +102,11 @@ def test_deadband_is_limited_at_any_correction_and_travel_weight(correction_rad2
     assert 0.0 < deadband(correction_rad2_s, gain, travel_weight) < math.radians(60.0)
 
 
-def test_correction_of_the_gain_is_limited_to_0_08_and_1_5_deg():
+def test_correction_of_the_gain_is_limited_to_0_08_and_1_5_deg_per_sqrt_s():
     """The weight on rudder travel is so large that the crossover frequency does not limit the gain."""
 
-    def gain_at(correction_deg):
-        return proportional_gain(NOMINAL_SHIP, math.radians(correction_deg) ** 2, 100.0)
+    def gain_at(correction_deg_per_sqrt_s):
+        return proportional_gain(NOMINAL_SHIP, math.radians(correction_deg_per_sqrt_s) ** 2, 100.0)
 
     assert gain_at(0.0) == gain_at(0.079) == pytest.approx(gain_at(0.08))
     assert gain_at(0.09) == pytest.approx(gain_at(0.08) * 0.09 / 0.08)
@@ -112,10 +114,10 @@ def test_correction_of_the_gain_is_limited_to_0_08_and_1_5_deg():
     assert gain_at(0.1) == pytest.approx(136.0 * math.radians(0.1) * (4.0 / 0.049) ** (3.0 / 7.0) / 10.0)
 
 
-def test_correction_of_the_deadband_is_limited_to_0_01_and_1_5_deg():
-    for correction_deg, limited_deg in ((0.0, 0.01), (0.02, 0.02), (1.4, 1.4), (2.0, 1.5)):
-        band_rad = deadband(math.radians(correction_deg) ** 2, 1.0, 1.0)
-        assert band_rad == pytest.approx(0.00469 + 1.94 * math.radians(limited_deg))
+def test_correction_of_the_deadband_is_limited_to_0_01_and_1_5_deg_per_sqrt_s():
+    for correction_deg_per_sqrt_s, limited_deg_per_sqrt_s in ((0.0, 0.01), (0.02, 0.02), (1.4, 1.4), (2.0, 1.5)):
+        deadband_rad = deadband(math.radians(correction_deg_per_sqrt_s) ** 2, 1.0, 1.0)
+        assert deadband_rad == pytest.approx(0.00469 + 1.94 * math.radians(limited_deg_per_sqrt_s))
 
 
 def test_crossover_frequency_is_at_most_0_264_rad_s():

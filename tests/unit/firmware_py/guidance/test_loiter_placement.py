@@ -15,22 +15,25 @@ from firmware_py.guidance.guidance_reports import circle_events
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import HoldStation, Orbit
 from firmware_py.plans import fence
+from firmware_py.plans.items import Command
 
-INCLUDED, EXCLUDED_CIRCLE = 5001, 5004
 ORIGIN = Place(0.6, 2.0)
-OVERSHOOT_M = 3.5 * 15.6
+TURNING_RADIUS_M = 15.6  # of `task_settings`
+OVERSHOOT_M = 3.5 * TURNING_RADIUS_M  # outside any circle
+MIN_RADIUS_M = 5.0 * TURNING_RADIUS_M  # 78 m, in a current
 TOO_SMALL = "below 78 m the boat may drift out"
 TOO_CLOSE = "Fence too close to the loiter circle: breach possible"
 
 
 def item(command, north_m, east_m, param):
+    """Return a fence item; `param` is the radius of a circle in metres, or the number of vertices of a polygon."""
     place = ORIGIN.at_offset(north_m, east_m)
     x, y = (round(math.degrees(angle) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
     return PlanItem(command, 3, True, (float(param), 0.0, 0.0, 0.0), x, y)
 
 
 def polygon(*corners):
-    return tuple(item(INCLUDED, *corner, len(corners)) for corner in corners)
+    return tuple(item(Command.INCLUDED_VERTEX, *corner, len(corners)) for corner in corners)
 
 
 def plan(*items):
@@ -49,7 +52,7 @@ def circle_at(north_m, east_m, radius_m=100.0):
 
 
 SQUARE = polygon((-500, -500), (500, -500), (500, 500), (-500, 500))
-REEF = item(EXCLUDED_CIRCLE, 0, 0, 20)
+REEF = item(Command.EXCLUDED_CIRCLE, 0, 0, 20)
 STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
 # The water has the form of a horseshoe: there is also water on the other side of the land.
 HORSESHOE = polygon((-400, -400), (-400, 400), (400, 400), (400, 5), (-200, 5), (-200, -5), (400, -5), (400, -400))
@@ -98,10 +101,10 @@ def test_circle_in_a_corner_is_moved_out_of_it(task_settings):
 @pytest.mark.parametrize(
     ("items", "task", "radius_m"),
     [
-        (STRAIT, circle_at(0, 0), 78.0),
+        (STRAIT, circle_at(0, 0), MIN_RADIUS_M),
         (STRAIT, circle_at(0, 0, 30.0), 30.0),
         (SQUARE, circle_at(0, 0, 1000.0), 500.0 - OVERSHOOT_M),
-        (wedge(0.29), circle_at(0, 0), 78.0),
+        (wedge(0.29), circle_at(0, 0), MIN_RADIUS_M),
     ],
 )
 def test_circle_without_room_shrinks_to_the_minimum_radius(task_settings, items, task, radius_m):
@@ -112,8 +115,8 @@ def test_circle_without_room_shrinks_to_the_minimum_radius(task_settings, items,
 
 def test_circle_without_room_is_moved_if_the_margin_grows_enough(task_settings):
     placement = place_circle(task_settings, circle_at(0, 0), wedge(0.315))
-    assert moved_m(placement) == pytest.approx(2.2 * (100.0 + OVERSHOOT_M - 60.0), abs=1.0)
-    assert placement.circle.radius_m == pytest.approx(78.0)
+    assert moved_m(placement) == pytest.approx(2.2 * (100.0 + OVERSHOOT_M - 60.0), abs=1.0)  # the outer ring
+    assert placement.circle.radius_m == pytest.approx(MIN_RADIUS_M)
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
@@ -144,15 +147,15 @@ def test_new_task_or_fence_restarts_the_search(task_settings):
     assert loiter_placement.update(task_settings, placement, circle_at(0, 480), plan(REEF)).circle == circle_at(0, 480)
 
 
-@pytest.mark.parametrize(("radius_m", "current"), [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))])
-def test_boat_near_a_fence_stays_inside(simulated_boat, radius_m, current):
+@pytest.mark.parametrize(("radius_m", "current_m_s"), [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))])
+def test_boat_near_a_fence_stays_inside(simulated_boat, radius_m, current_m_s):
     margins_m = {}
-    for plan_or_none in (None, plan(*SQUARE)):
-        boat = simulated_boat(east_m=460.0, heading_rad=math.pi, current=current)
-        margins_m[plan_or_none] = math.inf
+    for used_fence in (None, plan(*SQUARE)):
+        boat = simulated_boat(east_m=460.0, heading_rad=math.pi, current=current_m_s)
+        margins_m[used_fence] = math.inf
         for _ in range(3000):
-            boat.step(circle_at(0, 460, radius_m), fence=plan_or_none)
-            margins_m[plan_or_none] = min(margins_m[plan_or_none], fence.margin_m(plan(*SQUARE), boat.motion.place))
+            boat.step(circle_at(0, 460, radius_m), fence=used_fence)
+            margins_m[used_fence] = min(margins_m[used_fence], fence.margin_m(plan(*SQUARE), boat.motion.place))
     assert margins_m[None] < 0.0 < margins_m[plan(*SQUARE)]
 
 
@@ -170,7 +173,7 @@ def test_too_small_circle_is_reported_once(task_settings):
     small = station_state(circle_at(0, 0, 20.0))
     assert texts(task_settings, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {TOO_SMALL}")]
     assert texts(task_settings, small, small) == []
-    assert texts(task_settings, GuidanceState(), station_state(circle_at(0, 0, 78.0))) == []
+    assert texts(task_settings, GuidanceState(), station_state(circle_at(0, 0, MIN_RADIUS_M))) == []
     assert texts(task_settings, GuidanceState(), station_state(circle_at(0, 0, 20.0), activity=Activity.LINE)) == []
 
 

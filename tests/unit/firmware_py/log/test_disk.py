@@ -88,12 +88,12 @@ def test_boxes_are_removed_last_and_partial_archives_with_their_log(tmp_path):
     write(tmp_path, "boxes/00000001-end.BIN.gz", size=20, age_days=9.0)
     LocalDisk().prune(tmp_path, 270)
     assert len(names_below(tmp_path)) == 4
-    for room_bytes, names in (
+    for max_log_bytes, names in (
         (269, ["00000002.BIN.gz", "boxes/00000001-end.BIN.gz"]),
         (80, ["boxes/00000001-end.BIN.gz"]),
         (10, []),
     ):
-        LocalDisk().prune(tmp_path, room_bytes)
+        LocalDisk().prune(tmp_path, max_log_bytes)
         assert names_below(tmp_path) == names
 
 

@@ -245,7 +245,7 @@ def test_the_writer_gets_a_file_less_than_the_total_and_writes_each_second(tmp_p
     monkeypatch.setattr(recorder_module, "LogWriter", lambda *_words, **options: writers.append(options))
     fake.make_recorder(tmp_path, file_bytes=300, max_total_bytes=1000, min_free_bytes=7)
     fake.make_recorder(tmp_path, file_bytes=600, max_total_bytes=1000, wait_for_disk=True)
-    names = ("room_bytes", "min_free_bytes", "flush_s", "queue_batches", "queue_bytes", "wait_for_disk")
+    names = ("max_log_bytes", "min_free_bytes", "flush_s", "queue_batches", "queue_bytes", "wait_for_disk")
     assert [[options[name] for name in names] for options in writers] == [
         [700, 7, 1.0, 2048, 4_194_304, False], [500, 0, 1.0, 2048, 4_194_304, True]
     ]  # fmt: skip

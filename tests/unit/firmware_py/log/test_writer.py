@@ -1,3 +1,5 @@
+"""Queue and background writer of the log: files, errors, and when the loop waits."""
+
 import errno
 import threading
 from pathlib import Path
@@ -55,8 +57,8 @@ class FakeDisk:
     def remove(self, path):
         del self.files[str(path)]
 
-    def prune(self, directory, room_bytes):
-        self.pruned.append(room_bytes)
+    def prune(self, directory, max_log_bytes):
+        self.pruned.append(max_log_bytes)
 
     def free_bytes(self, directory):
         return self.free
@@ -68,7 +70,7 @@ def disk():
 
 
 def make_writer(disk, **options):
-    settings = {"room_bytes": 5, "queue_batches": 1000, "queue_bytes": 10**6, "flush_s": 1000.0}
+    settings = {"max_log_bytes": 5, "queue_batches": 1000, "queue_bytes": 10**6, "flush_s": 1000.0}
     return LogWriter(Path("logs"), disk, **(settings | options))
 
 
@@ -116,7 +118,7 @@ def test_large_queues_are_written_in_pieces(disk):
 def test_queue_is_full_at_its_limit(disk, limit, batches, last_batch):
     writer = make_writer(disk, **limit)
     writer._thread = threading.current_thread()  # the queue is not drained
-    writer._turned = None  # nor does the loop wait
+    writer._work_done = None  # so the loop cannot wait
     put(writer, *batches)
     assert not writer.is_full()
     put(writer, last_batch)
@@ -166,36 +168,36 @@ def test_files_without_synced_data_are_removed(disk):
     assert (writer.lost, writer.requested_files, disk.files) == (6, 4, {})
 
 
-class WorkingWake:
-    """An event whose setting does a turn of the writer."""
+class ImmediateWake:
+    """Replaces the wake event of the writer: `set` calls `work` at once instead of waking the thread."""
 
     def __init__(self, writer):
-        self.writer, self.turns = writer, 0
+        self.writer, self.calls = writer, 0
 
     def set(self):
-        self.turns += 1
-        assert self.turns < 9, "the loop waits without end"
+        self.calls += 1
+        assert self.calls < 9, "the loop waits without end"
         self.writer.work()
 
 
 @pytest.mark.parametrize(
-    ("is_alive", "batches", "turns"), [(True, (b"ONE", b"two", b"three"), [1, 0, 0]), (False, (b"ONE",), [0])]
+    ("is_alive", "batches", "calls"), [(True, (b"ONE", b"two", b"three"), [1, 0, 0]), (False, (b"ONE",), [0])]
 )
-def test_the_loop_waits_for_the_first_batch_only_and_not_for_a_dead_thread(disk, is_alive, batches, turns):
+def test_the_loop_waits_for_the_first_batch_only_and_not_for_a_dead_thread(disk, is_alive, batches, calls):
     writer = make_writer(disk, wait_for_disk=True)
-    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: is_alive)
-    for batch, expected in zip(batches, turns, strict=True):
-        writer._wake.turns = 0
+    writer._wake, writer._thread = ImmediateWake(writer), SimpleNamespace(is_alive=lambda: is_alive)
+    for batch, expected in zip(batches, calls, strict=True):
+        writer._wake.calls = 0
         put(writer, batch)
-        assert writer._wake.turns == expected
+        assert writer._wake.calls == expected
 
 
 def test_the_loop_waits_for_a_full_queue_but_not_for_a_failed_disk(disk):
     writer = make_writer(disk, wait_for_disk=True, queue_batches=1)
-    writer._wake, writer._thread = WorkingWake(writer), SimpleNamespace(is_alive=lambda: True)
+    writer._wake, writer._thread = ImmediateWake(writer), SimpleNamespace(is_alive=lambda: True)
     disk.create_error = READ_ONLY
     put(writer, b"ONE", b"two")
-    assert (writer._wake.turns, writer.is_full(), writer.lost) == (2, False, 2)
+    assert (writer._wake.calls, writer.is_full(), writer.lost) == (2, False, 2)
 
 
 def test_close_waits_until_the_thread_has_written_the_queue(disk):
@@ -259,15 +261,15 @@ def test_a_queue_that_is_more_than_half_full_is_written(disk, limits, batches, d
     put(writer, *batches)
     assert (disk.files == {"1": b"".join(batches).lower()}) is drained
     writer = make_writer(disk, **limits)
-    writer._wake, writer._thread = WorkingWake(writer), threading.current_thread()
+    writer._wake, writer._thread = ImmediateWake(writer), threading.current_thread()
     put(writer, *batches)
-    assert writer._wake.turns == int(drained)
+    assert writer._wake.calls == int(drained)
 
 
 def test_the_loop_waits_at_most_ten_seconds_for_a_blocked_disk(disk):
     writer, waits_s = make_writer(disk, wait_for_disk=True), []
     thread = SimpleNamespace(is_alive=lambda: True, join=waits_s.append)
-    writer._thread, writer._turned = thread, SimpleNamespace(clear=lambda: None, wait=waits_s.append)
+    writer._thread, writer._work_done = thread, SimpleNamespace(clear=lambda: None, wait=waits_s.append)
     put(writer, b"ONE")
     writer.close()
     assert waits_s == [10.0, 10.0]

@@ -8,12 +8,17 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.plans.items import Command
 from firmware_py.plans.polygons import polygons_of
 from firmware_py.plans.problem import PlanResult
 from firmware_py.plans.validation import problem_of
 
+INCLUDED_VERTEX, EXCLUDED_VERTEX = Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX
+INCLUDED_CIRCLE, FENCE_RETURN = Command.INCLUDED_CIRCLE, Command.FENCE_RETURN
+
 
 def problem(*items):
+    """Return index and result of the problem of a fence; None if it is valid."""
     refusal = problem_of(Plan.of(PlanKind.FENCE, items))
     return None if refusal is None else (refusal.index, refusal.result)
 
@@ -22,7 +27,8 @@ def item(command, param1=0.0):
     return PlanItem(command, 6, params=(param1, 0.0, 0.0, 0.0), x=1, y=1)
 
 
-def ring(*points, command=5001, count=None):
+def ring(*points, command=INCLUDED_VERTEX, count=None):
+    """Return the items of a polygon with these vertices (latitude, longitude) in 1e-7 degrees."""
     return [replace(item(command, len(points) if count is None else count), x=x, y=y, frame=0) for x, y in points]
 
 
@@ -30,7 +36,7 @@ SQUARE = ((0, 0), (0, 100), (100, 100), (100, 0))
 
 
 def test_polygons_are_assembled():
-    items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
+    items = [*ring(*SQUARE), item(INCLUDED_CIRCLE, 5.0), *ring((0, 0), (0, 9), (9, 0), command=EXCLUDED_VERTEX)]
     plan = Plan.of(PlanKind.FENCE, items)
     assert problem_of(plan) is None
     polygons = [(polygon.first_index, polygon.count, polygon.inclusion) for polygon in polygons_of(plan.items)]
@@ -59,7 +65,7 @@ SAW = [(0, -5000), *((10 * number, 1000 * (number % 2)) for number in range(300)
         ),
     ],
 )
-@pytest.mark.parametrize("command", [5001, 5002])
+@pytest.mark.parametrize("command", [INCLUDED_VERTEX, EXCLUDED_VERTEX])
 def test_valid_polygon_is_accepted(points, command):
     assert problem(*ring(*points, command=command)) is None
 
@@ -68,14 +74,14 @@ def test_valid_polygon_is_accepted(points, command):
     ("items", "expected"),
     [
         (ring(*SQUARE)[:3], (2, PlanResult.INVALID_PARAM1)),
-        ([*ring(*SQUARE)[:3], *ring(*SQUARE[:1], command=5002, count=4)], (3, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], *ring(*SQUARE[:1], command=EXCLUDED_VERTEX, count=4)], (3, PlanResult.INVALID_PARAM1)),
         ([*ring(*SQUARE[:2], count=3), *ring(SQUARE[2], count=4)], (2, PlanResult.INVALID_PARAM1)),
-        ([*ring(*SQUARE)[:3], item(5003, 5.0)], (3, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], item(INCLUDED_CIRCLE, 5.0)], (3, PlanResult.INVALID_PARAM1)),
         (ring((0, 0), (0, 0), (0, 100)), (0, PlanResult.INVALID)),
         (ring((0, 0), (0, 0), (0, 0)), (0, PlanResult.INVALID)),
         (ring((0, 0), (100, 100), (0, 100), (100, 0)), (0, PlanResult.INVALID)),
         (ring((0, EAST), (100, WEST), (0, WEST), (100, EAST)), (0, PlanResult.INVALID)),
-        ([item(5000), item(5003, 5.0), item(5000)], (2, PlanResult.INVALID)),
+        ([item(FENCE_RETURN), item(INCLUDED_CIRCLE, 5.0), item(FENCE_RETURN)], (2, PlanResult.INVALID)),
     ],
 )
 def test_invalid_polygon_is_refused(items, expected):
@@ -84,8 +90,8 @@ def test_invalid_polygon_is_refused(items, expected):
 
 def test_fence_of_more_than_twenty_thousand_pairs_of_edges_is_refused():
     zigzag = [(100_000 * (index % 2) + index // 2, 100_000 * (index % 2) - index // 2) for index in range(198)]
-    large = ring(*zigzag, (600, -610))  # 199 edges: 19,701 pairs, because each overlaps all others along both axes
-    square, triangle = ring(*SQUARE), ring(*SQUARE[:3])  # 5 and 3 pairs
+    large = ring(*zigzag, (600, -610))  # 199 edges: 19,701 compared pairs, as each overlaps all others along both axes
+    square, triangle = ring(*SQUARE), ring(*SQUARE[:3])  # 5 and 3 compared pairs
     assert problem(*large, *square, *triangle * 98) is None
     refusal = problem_of(Plan.of(PlanKind.FENCE, [*large, *triangle * 100]))
     assert (refusal.index, refusal.text) == (496, "the polygon is too complex to be checked; use fewer vertices")
@@ -101,9 +107,9 @@ def test_fence_of_more_than_twenty_thousand_pairs_of_edges_is_refused():
         ((0, 0), (100, 100), (0, 0), (300, 300)),
     ],
 )
-@pytest.mark.parametrize("command", [5001, 5002])
+@pytest.mark.parametrize("command", [INCLUDED_VERTEX, EXCLUDED_VERTEX])
 def test_polygon_with_all_vertices_on_one_line_is_refused(points, command):
-    refusal = problem_of(Plan.of(PlanKind.FENCE, [item(5003, 5.0), *ring(*points, command=command)]))
+    refusal = problem_of(Plan.of(PlanKind.FENCE, [item(INCLUDED_CIRCLE, 5.0), *ring(*points, command=command)]))
     assert (refusal.index, refusal.result) == (1, PlanResult.INVALID)
     assert refusal.text == "the polygon has all its vertices on one line"
 

@@ -27,8 +27,8 @@ def test_waypoints_are_read_with_and_without_home():
             PlanItem(177, 2, True, (0.0, -1.0, 0.0, 0.0)),
         )
     )
-    with_home = read_text(WPL_HEADER, "a.waypoints", home=False)
-    assert [(item.x, item.z) for item in with_home.items] == [(360_000_000, 5.0)]
+    home_as_item = read_text(WPL_HEADER, "a.waypoints", home=False)
+    assert [(item.x, item.z) for item in home_as_item.items] == [(360_000_000, 5.0)]
 
 
 def test_written_file_has_home_and_the_columns_of_the_format():
@@ -46,7 +46,7 @@ def test_written_file_has_home_and_the_columns_of_the_format():
     assert repr(read_text(text, "a").items) == repr(Plan.of(PlanKind.MISSION, items).items)
 
 
-def test_places_at_the_limits_and_numbers_that_do_not_fit():
+def test_positions_at_the_limits_and_numbers_that_are_not_a_position():
     plan = read_text(wpl_text("3\t16\t0\t0\t0\t0\t-90\t180\t0", "2\t20\t0\t0\t0\t0\t2147483648\tnan\t0"), "a")
     assert [(item.x, item.y) for item in plan.items] == [(-900_000_000, 1_800_000_000), (0, 0)]
 

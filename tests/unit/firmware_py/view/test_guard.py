@@ -6,7 +6,7 @@ from firmware_py.view.guard import Guard, ViewError, parse_listen_address, read_
 
 TOKEN = "0123456789abcdef"
 LOCAL = Guard("", is_loopback=True)
-OPEN = Guard(TOKEN, is_loopback=False, names=frozenset(("boat", "boat.local")))
+REMOTE = Guard(TOKEN, is_loopback=False, names=frozenset(("boat", "boat.local")))
 COOKIE = {"Host": "10.0.0.7:8046", "Cookie": f"rambler_view={TOKEN}"}
 
 
@@ -55,22 +55,22 @@ def test_write_methods_are_refused(method):
 
 
 def test_remote_access_needs_the_token():
-    assert OPEN.check("GET", "/", {"Host": "10.0.0.7:8046"}).status == 403
-    assert OPEN.check("GET", "/events", COOKIE).status == 200
-    verdict = OPEN.check("GET", f"/?token={TOKEN}", {"Host": "boat.local:8046"})
+    assert REMOTE.check("GET", "/", {"Host": "10.0.0.7:8046"}).status == 403
+    assert REMOTE.check("GET", "/events", COOKIE).status == 200
+    verdict = REMOTE.check("GET", f"/?token={TOKEN}", {"Host": "boat.local:8046"})
     assert (verdict.status, verdict.path, verdict.sets_cookie) == (303, "/", True)
-    assert OPEN.check("GET", f"/events?token={TOKEN}", {"Host": "boat:8046"}).status == 403  # only for the page
+    assert REMOTE.check("GET", f"/events?token={TOKEN}", {"Host": "boat:8046"}).status == 403  # only for the page
 
 
 @pytest.mark.parametrize(
     "token", ["", "0123456789abcde", "0123456789abcdef0", "é" * 16, "%00", TOKEN.upper(), f"{TOKEN}&token={TOKEN}"]
 )
 def test_wrong_token_is_refused(token):
-    assert OPEN.check("GET", f"/?token={token}", {"Host": "10.0.0.7"}).status == 403
-    assert OPEN.check("GET", "/", {"Host": "10.0.0.7", "Cookie": "rambler_view=x; rambler_view"}).status == 403
+    assert REMOTE.check("GET", f"/?token={token}", {"Host": "10.0.0.7"}).status == 403
+    assert REMOTE.check("GET", "/", {"Host": "10.0.0.7", "Cookie": "rambler_view=x; rambler_view"}).status == 403
 
 
-def test_address_of_more_than_1024_characters_is_refused():
+def test_request_target_of_more_than_1024_characters_is_refused():
     lengths = (1024, 1025)
     assert [LOCAL.check("GET", "x" * length, {"Host": "localhost"}).status for length in lengths] == [200, 414]
 
@@ -97,8 +97,8 @@ def test_invalid_listen_address_is_refused(listen):
 
 
 @pytest.mark.parametrize("target", ["//evil.example/", "http://[", "/?token=%ff%fe", "*", "\0"])
-def test_invalid_address_is_refused(target):
-    assert OPEN.check("GET", target, {"Host": "10.0.0.7"}).status == 403
+def test_invalid_request_target_is_refused(target):
+    assert REMOTE.check("GET", target, {"Host": "10.0.0.7"}).status == 403
 
 
 def test_token_file_must_be_private_and_valid(tmp_path):

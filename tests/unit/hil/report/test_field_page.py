@@ -47,7 +47,7 @@ def state(tmp_path):
     return tmp_path / "state"
 
 
-def test_log_is_read_as_a_truth():
+def test_log_has_the_columns_of_a_recorded_truth():
     log = field_log.read([LOG])
     truth = log.truth
     assert np.all(np.diff(truth.time_s) > 0.0)
@@ -161,7 +161,7 @@ def test_day_rows_contain_the_sums_of_a_day(state):
 
 
 def test_distance_made_good_is_that_of_the_day(tmp_path):
-    """The second log is a day of sailing east across the date line at 60 deg north."""
+    """The second log has 101 minutes of a later day: the boat sails east across the date line at 60 deg north."""
     north_rad = math.radians(60.0)
     equator = replace(MINUTE, latitude_rad=0.0, longitude_rad=0.0)
     noon_s = 1.8e9 + 2 * 86400.0
@@ -266,7 +266,7 @@ def test_log_without_a_tick_raises_an_error(tmp_path):
 def test_run_of_an_old_version_shows_its_logs_only(state, tmp_path, capsys):
     (tmp_path / "run").mkdir()
     shutil.move(state, tmp_path / "run/state")
-    for text in (False, True):
+    for has_truth in (False, True):
         assert main(["report", str(tmp_path / "run"), "--out", str(tmp_path / "page.html")]) == 0
-        assert ("no run.json, because an old version made the run" in capsys.readouterr().err) == text
+        assert ("no run.json, because an old version made the run" in capsys.readouterr().err) == has_truth
         (tmp_path / "run/truth.csv").touch()

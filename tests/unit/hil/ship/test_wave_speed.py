@@ -14,7 +14,7 @@ def simulate(options, step_s, count):
     ratios = np.empty((count, 2))
     for number in range(count):
         speed.step((number + 1) * step_s)
-        ratios[number] = speed.speed, speed.waves
+        ratios[number] = speed.speed_ratio, speed.wave_ratio
     return ratios
 
 

@@ -11,13 +11,16 @@ from firmware_py.common.reports import Home, MissionReport, MissionState
 from firmware_py.link.commands.steering import home_request, position_goal
 from support.link import results
 
-ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
-PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in range(5)])
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, _UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
+AUTO = 10
+MISSION_START, CHANGE_SPEED = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_CHANGE_SPEED
+SET_HOME, SET_CURRENT_ITEM = mavlink.MAV_CMD_DO_SET_HOME, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
+PLAN = Plan.of(PlanKind.MISSION, [PlanItem(mavlink.MAV_CMD_NAV_WAYPOINT, 6, x=index, y=1) for index in range(5)])
 
 
 def store_mission(rig, *, is_reported=True):
-    """Replace the mission by one of five items; the snapshot of the last tick may be older."""
-    rig.request_handler.plans_kept = rig.request_handler.plans_kept.replaced(PLAN)
+    """Store a mission of five items; with `is_reported` the snapshot of the last tick has it too."""
+    rig.request_handler.stored_plans = rig.request_handler.stored_plans.replaced(PLAN)
     rig.tick(mission=MissionReport(MissionState.ACTIVE, 2, 5) if is_reported else MissionReport())
 
 
@@ -50,25 +53,25 @@ def test_unchanged_home_is_reported_once_after_a_command(rig, of):
     home = {"home": Home(0.5, 0.2, 0.0)}
     assert len(of(rig.tick(**home), "HOME_POSITION")) == 1
     assert of(rig.tick(**home), "HOME_POSITION") == []
-    assert results(rig.command(179, 1)) == [ACCEPTED]
+    assert results(rig.command(SET_HOME, 1)) == [ACCEPTED]
     assert len(of(rig.tick(**home), "HOME_POSITION")) == 1
     assert of(rig.tick(**home), "HOME_POSITION") == []
 
 
 @pytest.mark.parametrize(
     ("first", "last", "intents"),
-    [(0, 0, [SetMode(10)]), (1, 0, [SetMode(10), SetMissionItem(0)]), (4, 5, [SetMode(10), SetMissionItem(3)])],
+    [(0, 0, [SetMode(AUTO)]), (1, 0, [SetMode(AUTO), SetMissionItem(0)]), (4, 5, [SetMode(AUTO), SetMissionItem(3)])],
 )
 def test_mission_starts_at_the_requested_item(rig, first, last, intents):
     store_mission(rig)
-    assert results(rig.command(300, first, last)) == [ACCEPTED]
+    assert results(rig.command(MISSION_START, first, last)) == [ACCEPTED]
     assert rig.request_handler.intents == intents
 
 
 def test_mission_starts_before_a_tick_has_reported_it(rig):
     """MAVSDK names the last item immediately after the upload."""
     store_mission(rig, is_reported=False)
-    assert results(rig.command(300, 0, 5)) == [ACCEPTED]
+    assert results(rig.command(MISSION_START, 0, 5)) == [ACCEPTED]
 
 
 @pytest.mark.parametrize(
@@ -76,17 +79,17 @@ def test_mission_starts_before_a_tick_has_reported_it(rig):
 )
 def test_start_at_an_invalid_item_is_refused(rig, values):
     store_mission(rig)
-    assert results(rig.command(300, *values)) == [DENIED]
+    assert results(rig.command(MISSION_START, *values)) == [DENIED]
     assert rig.request_handler.intents == []
 
 
 def test_start_is_refused_without_a_mission_or_by_the_mode(rig, texts):
-    replies = rig.command(300)
+    replies = rig.command(MISSION_START)
     assert (results(replies), texts(replies)) == ([DENIED], ["MISSION_START: there is no mission"])
     store_mission(rig)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
-    assert results(rig.command(300, 3)) == [REJECTED]
-    assert rig.request_handler.intents == [SetMode(10)]
+    assert results(rig.command(MISSION_START, 3)) == [TEMPORARILY_REJECTED]
+    assert rig.request_handler.intents == [SetMode(AUTO)]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +101,7 @@ def test_start_is_refused_without_a_mission_or_by_the_mode(rig, texts):
 )
 def test_mission_continues_with_the_requested_item(rig, values, intent):
     store_mission(rig)
-    assert results(rig.command(224, *values)) == [ACCEPTED]
+    assert results(rig.command(SET_CURRENT_ITEM, *values)) == [ACCEPTED]
     assert rig.request_handler.intents == [intent]
 
 
@@ -107,32 +110,32 @@ def test_mission_continues_with_the_requested_item(rig, values, intent):
     [((6, 0), FAILED), ((-2, 0), FAILED), ((math.nan, 0), FAILED), ((1.5, 0), FAILED), ((1, math.nan), DENIED)],
 )
 def test_invalid_item_is_refused(rig, values, result):
-    assert results(rig.command(224, 1, 0)) == [FAILED]  # no mission
+    assert results(rig.command(SET_CURRENT_ITEM, 1, 0)) == [FAILED]  # no mission
     store_mission(rig)
-    assert results(rig.command(224, *values)) == [result]
+    assert results(rig.command(SET_CURRENT_ITEM, *values)) == [result]
     assert rig.request_handler.intents == []
 
 
 def test_current_item_before_the_first_tick_is_the_first(make_rig):
     rig = make_rig()
-    rig.request_handler.plans_kept = rig.request_handler.plans_kept.replaced(PLAN)
-    assert results(rig.command(224, -1)) == [ACCEPTED]
+    rig.request_handler.stored_plans = rig.request_handler.stored_plans.replaced(PLAN)
+    assert results(rig.command(SET_CURRENT_ITEM, -1)) == [ACCEPTED]
     rig.tick(mission=MissionReport(MissionState.NOT_STARTED, None, 5))
-    assert results(rig.command(224, -1, 1)) == [ACCEPTED]
+    assert results(rig.command(SET_CURRENT_ITEM, -1, 1)) == [ACCEPTED]
     assert rig.request_handler.intents == [SetMissionItem(0), SetMissionItem(0, restart=True)]
 
 
 def test_first_item_of_a_generic_autopilot_has_number_zero(make_rig):
     rig = make_rig(identity=0)
     store_mission(rig)
-    rig.command(224, 3)
+    rig.command(SET_CURRENT_ITEM, 3)
     assert rig.request_handler.intents == [SetMissionItem(3)]
 
 
 def test_speed_is_validated_and_ignored(rig, texts):
-    replies = rig.command(178, 1.0, 0.5)
+    replies = rig.command(CHANGE_SPEED, 1.0, 0.5)
     assert results(replies) == [ACCEPTED]
     assert texts(replies) == ["Speed command ignored: a wave glider cannot set its speed"]
     for values in ((2.0, 0.5), (1.0, math.nan)):
-        assert results(rig.command(178, *values)) == [DENIED]
+        assert results(rig.command(CHANGE_SPEED, *values)) == [DENIED]
     assert rig.request_handler.intents == []

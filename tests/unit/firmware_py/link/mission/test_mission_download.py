@@ -77,7 +77,7 @@ def test_current_item_is_marked(station):
 def test_plan_of_a_download_is_unchanged_until_its_end(station, end):
     station.upload(station.mission(2))
     station.request_list()
-    station.handler.plans_kept = station.handler.plans_kept.replaced(Plan(PlanKind.MISSION))
+    station.handler.stored_plans = station.handler.stored_plans.replaced(Plan(PlanKind.MISSION))
     system = station.rig.station.srcSystem
     for other in range(15):
         station.rig.station.srcSystem = 1 + other

@@ -42,7 +42,7 @@ def test_several_items_outside_the_fence_are_reported_in_one_text(station, texts
 def test_checks_of_a_large_fence_are_distributed_over_ticks(station, texts):
     """A tick checks about 500 corners, or the whole fence once."""
     corners = [PlanItem(5004, 0, True, (1.0, 0.0, 0.0, 0.0), 370_000_000 + n, 1_210_000_000) for n in range(999)]
-    station.handler.plans_kept = Plans(
+    station.handler.stored_plans = Plans(
         Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=360_002_000, y=1_210_000_000 + n) for n in range(20)]),
         Plan.of(PlanKind.FENCE, [*corners, PlanItem(5003, 0, True, (11.1, 0, 0, 0), 360_000_000, 1_210_000_000)]),
     )

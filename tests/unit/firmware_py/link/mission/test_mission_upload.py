@@ -429,7 +429,7 @@ def test_two_stations_with_one_system_id_do_not_mix_their_uploads(station):
 def test_two_stations_with_one_system_id_have_separate_downloads(station):
     station.upload(station.mission(2))
     station.request_list()
-    station.handler.plans_kept = station.handler.plans_kept.replaced(Plan(PlanKind.MISSION))
+    station.handler.stored_plans = station.handler.stored_plans.replaced(Plan(PlanKind.MISSION))
     exchange_as_duplicate(station, ack_message(0))
     assert station.read(2).get_type() == "MISSION_ITEM_INT"
     request = mavlink.MAVLink_mission_request_int_message(1, 1, 2, 0)
@@ -525,6 +525,6 @@ def test_partial_upload_of_items_that_do_not_exist_is_refused(station, count, fi
 def test_partial_upload_is_refused_if_the_plan_has_changed(station):
     station.upload(station.mission(2))
     station.exchange(partial_message(1, 1))
-    station.handler.plans_kept = station.handler.plans_kept.replaced(Plan(PlanKind.MISSION))
+    station.handler.stored_plans = station.handler.stored_plans.replaced(Plan(PlanKind.MISSION))
     assert acks(station.exchange(station.item(1))) == [PlanResult.ERROR]
     assert station.places() == []

@@ -1,4 +1,4 @@
-"""Credits per day and month."""
+"""Budget of a satellite link: credits per day and month, and its stored record."""
 
 import math
 
@@ -19,7 +19,9 @@ def test_cost_is_rounded_up_to_credits(size, credits_):
 
 def test_lower_priorities_leave_credits_for_higher_ones():
     ledger = Ledger().charged(7)
-    assert [ledger.available(LIMITS, kind) for kind in Kind] == [95 - 7, 90 - 7, 70 - 7, 100 - 7]
+    daily_credits = {Kind.EVENT: 95, Kind.REPORT: 90, Kind.ANSWER: 70, Kind.MAILBOX: 100}
+    for kind in Kind:
+        assert ledger.available(LIMITS, kind) == daily_credits[kind] - 7
     assert Ledger(month_used=150).available(LIMITS, Kind.MAILBOX) == 50
     assert Ledger(month_used=150).available(Limits(100, 0, 50), Kind.MAILBOX) == 100
     assert Ledger().available(Limits(0, 0, 50), Kind.ANSWER) == math.inf
@@ -61,7 +63,7 @@ def test_refund_is_limited_to_the_used_credits():
         (Record(window=Window(used=(2, 2))), False),
     ],
 )
-def test_stored_record_must_be_possible(record, is_valid):
+def test_stored_record_with_impossible_values_is_rejected(record, is_valid):
     content = to_bytes(record)
     if is_valid:
         assert from_bytes(content) == (record, ())

@@ -37,7 +37,7 @@ def run_voyage(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
         if hour % 12 == 5:
             faults.append(f"Fault {hour}")
-            boat.tell(Event(Severity.ERROR, faults[-1]))
+            boat.publish_events(Event(Severity.ERROR, faults[-1]))
         if hour % 8 == 3:
             messages.append(boat.keyed(set_mode(15)))
             executed += 1
@@ -101,7 +101,7 @@ def test_mode_change_and_warning_are_sent_at_once_but_no_notice(boat):
     boat.run(60)
     boat.delivered()
     boat.changes["mode"] = Mode.HOLD
-    boat.tell(Event(Severity.ERROR, "Compass lost: " + 60 * "x"), Event(Severity.NOTICE, "Home set"))
+    boat.publish_events(Event(Severity.ERROR, "Compass lost: " + 60 * "x"), Event(Severity.NOTICE, "Home set"))
     boat.run(90)
     frames = boat.delivered()
     assert sorted(names(frames)) == ["HIGH_LATENCY2", "STATUSTEXT"]

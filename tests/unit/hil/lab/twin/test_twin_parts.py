@@ -1,4 +1,4 @@
-"""The ship of the compiled loop equals that of the harness, to the last bit."""
+"""The ship model of the compiled simulation equals that of the HIL simulation, bit for bit."""
 
 import numpy as np
 import pytest
@@ -32,17 +32,17 @@ def test_hull_equals_that_of_the_harness(text):
     )
     ships.begin_hull(state, ship)
     numbers = np.random.default_rng(1)
-    rudder = 0.0
+    rudder_rad = 0.0
     for step in range(int(seconds / GRID_S)):
         offset_s = float(numbers.uniform(0.0, GRID_S))
         heading_rad = ships.compass_heading(state, ship, sea.series, step, offset_s)
         assert heading_rad == hull.compass_heading_rad(offset_s)
         assert ships.velocity(state, ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         assert ships.position(state, ship, sea.series, step, offset_s) == hull.position_in_waves_m(offset_s)
-        rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
-        hull.step(rudder)
-        effective_rudder = ships.rudder_in_water(ship, delayed_rad, step, rudder)
-        ships.step_hull(state, ship, sea.series, step, effective_rudder)
+        rudder_rad = min(max(rudder_rad + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
+        hull.step(rudder_rad)
+        delayed_rudder_rad = ships.rudder_in_water(ship, delayed_rad, step, rudder_rad)
+        ships.step_hull(state, ship, sea.series, step, delayed_rudder_rad)
         assert state[ships.PSI] == hull.glider_heading_rad(0.0)
 
 
@@ -51,7 +51,7 @@ def test_invalid_ship_is_refused():
         draw_sea(parse_scenario("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
 
 
-def test_bearings_are_rounded_as_in_sentences():
+def test_bearings_are_rounded_as_in_nmea_sentences():
     assert devices.bearing(359.97, 0.1) == 0.0
     assert devices.bearing(-0.26, 0.1) == pytest.approx(359.7)
     assert [devices.digits_of(number) for number in (0.0, 9.9, 10.0, 359.9)] == [1, 1, 2, 3]
