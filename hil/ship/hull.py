@@ -189,7 +189,7 @@ class Hull:
     def heading_low_rad(self, offset_s: float) -> float:
         """Return the hull's heading without wave yaw, unwrapped.
 
-        It is the course through the water if the disturbances `leeway` and `slide` are absent.
+        It is the course through the water if the disturbances `leeway` and `sway` are absent.
         """
         return self.glider_heading_rad(offset_s)
 

@@ -73,8 +73,8 @@ class Session:
                 del fields[name]
             self.lines.append([round(self.rig.now_s, 3), plain(fields)])
 
-    def tell(self, *messages, address="station"):
-        self.note(self.rig.tell(*messages, address=address))
+    def send(self, *messages, address="station"):
+        self.note(self.rig.send(*messages, address=address))
 
     def tick(self, **changes):
         self.note(self.rig.tick(**changes))
@@ -111,9 +111,9 @@ def watch_voyage(name):
     """Return the messages of a link during a voyage: each telemetry message whenever it is due."""
     session, state = Session(), None
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
-    session.rig.tell(heartbeat)
+    session.rig.send(heartbeat)
     for number in TELEMETRY:
-        session.rig.tell(command(SET_INTERVAL, number, 1e6 * INTERVAL_S))
+        session.rig.send(command(SET_INTERVAL, number, 1e6 * INTERVAL_S))
     session.rig.replies()
     for tick in read_log(gzip.decompress((VOYAGES / f"{name}.BIN.gz").read_bytes())):
         if state is None:
@@ -150,9 +150,9 @@ def mission_item(sequence, source, kind=0):
 
 def upload(session, kind, items):
     """Upload a plan; the first item of a mission is home."""
-    session.tell(mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
+    session.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
     for sequence, source in enumerate(items):
-        session.tell(mission_item(sequence, source, kind))
+        session.send(mission_item(sequence, source, kind))
     session.note_intents()
 
 
@@ -174,7 +174,7 @@ def set_targets(session):
         for frame in (0, 1, 5, 6, 7, 8, 9, 11, 12):
             session.rig.now_s += 1.0
             rates = (0.5, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1)
-            session.tell(
+            session.send(
                 mavlink.MAVLink_set_position_target_global_int_message(
                     0, 1, 1, frame, mask, 360_000_000, 1_210_000_000, 0.0, *rates
                 ),
@@ -183,7 +183,7 @@ def set_targets(session):
             session.note_intents()
     for mask, quaternion in ATTITUDES:
         session.rig.now_s += 1.0
-        session.tell(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, quaternion, 0.0, 0.0, 0.1, 0.5))
+        session.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, quaternion, 0.0, 0.0, 0.1, 0.5))
         session.note_intents()
 
 
@@ -192,7 +192,7 @@ def send_commands(session):
     for number in COMMANDS:
         for values in CHOICES:
             session.rig.now_s += 3.0
-            session.tell(command(number, *values))
+            session.send(command(number, *values))
             place = (0 if math.isnan(value) else round(value * 1e7) for value in values[4:6])
             x, y = (min(max(number, -(2**31)), 2**31 - 1) for number in place)
             for frame in (0, 3):
@@ -209,7 +209,7 @@ def send_commands(session):
                     min(max(y, -(2**31)), 2**31 - 1),
                     values[6],
                 )
-                session.tell(message)
+                session.send(message)
             session.note_intents()
         session.tick()
 
@@ -226,17 +226,17 @@ def transfer_plans(session):
     for kind, items in plans:
         session.rig.now_s += 3.0
         upload(session, kind, items)
-        session.tell(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
+        session.send(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
         for sequence in range(len(items) + 1):
-            session.tell(mavlink.MAVLink_mission_request_int_message(1, 1, sequence, kind))
-            session.tell(mavlink.MAVLink_mission_request_message(1, 1, sequence, kind))
-        session.tell(mavlink.MAVLink_mission_request_partial_list_message(1, 1, 0, 2, kind))
-        session.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 1))
+            session.send(mavlink.MAVLink_mission_request_int_message(1, 1, sequence, kind))
+            session.send(mavlink.MAVLink_mission_request_message(1, 1, sequence, kind))
+        session.send(mavlink.MAVLink_mission_request_partial_list_message(1, 1, 0, 2, kind))
+        session.send(mavlink.MAVLink_mission_set_current_message(1, 1, 1))
         session.tick()
         session.note_intents()
     for kind in (0, 1, 2, 255):
         session.rig.now_s += 3.0
-        session.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
+        session.send(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
 
 
 def send_parameters_and_sticks(session):
@@ -247,12 +247,12 @@ def send_parameters_and_sticks(session):
         (b"CTL_K1", 999.0, 9),
         (b"NOPE", 1.0, 9),
     ):
-        session.tell(mavlink.MAVLink_param_set_message(1, 1, name, value, kind))
-        session.tell(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
+        session.send(mavlink.MAVLink_param_set_message(1, 1, name, value, kind))
+        session.send(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
     set_targets(session)
     for x, y, r in ((500, 0, -300), (32767, 32767, 32767), (0, 1000, 1000), (0, 32767, 400), (-1000, -250, 32767)):
-        session.tell(mavlink.MAVLink_manual_control_message(1, x, y, 0, r, 0))
-        session.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500 + x // 100, 0, 0, 1500, 0, 0, 0, 0))
+        session.send(mavlink.MAVLink_manual_control_message(1, x, y, 0, r, 0))
+        session.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500 + x // 100, 0, 0, 1500, 0, 0, 0, 0))
         session.rig.now_s += 1.0
         session.tick()
         session.note_intents()
@@ -262,12 +262,12 @@ def talk(verdict):
     """Return the replies to commands, parameters, plans, streams and sticks, with one verdict for all requests."""
     session = Session(addresses=("station", "other"))
     session.rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "reason")
-    session.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    session.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     session.tick()
     send_commands(session)
     transfer_plans(session)
     send_parameters_and_sticks(session)
-    session.tell(
+    session.send(
         mavlink.MAVLink_timesync_message(0, 123_456),
         mavlink.MAVLink_ping_message(1, 7, 0, 0),
         mavlink.MAVLink_set_mode_message(1, 1, 15),
@@ -276,7 +276,7 @@ def talk(verdict):
     )
     for number in TELEMETRY:
         session.rig.now_s += 0.1
-        session.tell(command(REQUEST_MESSAGE, number))
+        session.send(command(REQUEST_MESSAGE, number))
     for _ in range(5):
         session.tick(seconds=1.0)
     session.note_intents()

@@ -52,7 +52,7 @@ class FtpStation:
 
     def all(self, *request, **fields):
         """Send a request; return all replies."""
-        return self.replies(self.rig.tell(self.request(*request, **fields), address=self.address))
+        return self.replies(self.rig.send(self.request(*request, **fields), address=self.address))
 
     @staticmethod
     def replies(replies):

@@ -247,14 +247,14 @@ class Rig:
             self.endpoint.service(self.now_s, [])
         raise AssertionError("the link stays busy")
 
-    def tell(self, *messages, address="station"):
+    def send(self, *messages, address="station"):
         """Send messages to the link; return the messages that it sends."""
         return self.give(b"".join(self.frame(message) for message in messages), address)
 
     def prove(self, address="station"):
         """Send two heartbeats, the second after a reply, so that a link with peer slots accepts the address."""
         beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
-        return [*self.tell(beat, address=address), *self.tell(beat, address=address)]
+        return [*self.send(beat, address=address), *self.send(beat, address=address)]
 
     def frame(self, message):
         data = message.pack(self.station)
@@ -263,7 +263,7 @@ class Rig:
 
     def command(self, number, *values, confirmation=0, target=(1, 1)):
         values = (*values, *(0.0,) * (7 - len(values)))
-        return self.tell(mavlink.MAVLink_command_long_message(*target, number, confirmation, *values))
+        return self.send(mavlink.MAVLink_command_long_message(*target, number, confirmation, *values))
 
     def tick(self, **changes):
         """Publish a tick; return the messages that the link sends."""

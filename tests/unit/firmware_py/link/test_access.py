@@ -67,17 +67,17 @@ def kinds(messages):
 )
 def test_unsigned_frame_has_the_rights_of_the_policy(linked, options, key, commands, reads):
     rig = linked(options, key=key)
-    rig.tell(ARM, SET, BEAT)
+    rig.send(ARM, SET, BEAT)
     assert bool(rig.request_handler.intents) is commands
-    assert ("PARAM_VALUE" in kinds(rig.tell(READ))) is reads
+    assert ("PARAM_VALUE" in kinds(rig.send(READ))) is reads
 
 
 @pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-commands", "policy=signed-only"])
 def test_signed_frame_may_command_on_any_link(linked, options, of):
     rig = linked(options, key=True)
     sign(rig)
-    assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
-    rig.tell(SET)
+    assert of(rig.send(ARM), "COMMAND_ACK")[0].result == 0
+    rig.send(SET)
     assert rig.request_handler.intents == [Arm(True, False), SetParameter("CTL_K1", 33.0)]
 
 
@@ -92,24 +92,24 @@ def test_wrong_signature_is_refused_on_any_link(linked, options, texts):
     assert kinds(replies) == set()
     assert "Signature refused" in texts(replies)[0]
     sign(rig, bytes(32 * [9]))
-    assert kinds(rig.tell(ARM, READ)) == set()
+    assert kinds(rig.send(ARM, READ)) == set()
     assert len(rig.request_handler.intents) == 1
 
 
 def test_signature_is_ignored_without_a_key(linked):
     rig = linked()
     sign(rig)
-    rig.tell(ARM)
+    rig.send(ARM)
     assert rig.request_handler.intents == [Arm(True, False)]
     strict = linked("policy=signed-only")
     sign(strict)
-    assert strict.tell(ARM) == []
+    assert strict.send(ARM) == []
 
 
 def test_frames_are_signed_after_a_key_is_set(linked):
     rig = linked("trusted=1")
     assert all(message.get_msgbuf()[2] == 0 for message in rig.tick(seconds=1.0))
-    rig.tell(SETUP)
+    rig.send(SETUP)
     rig.tick_silently(seconds=1.0)
     hearer = mavlink.MAVLink(None)
     hearer.signing.secret_key, hearer.signing.timestamp = KEY, NOW
@@ -131,17 +131,17 @@ def test_signatures_count_for_the_rate_of_a_line(linked):
 
 def test_unsigned_sender_gets_no_reply_on_a_signed_link(linked):
     rig = linked("policy=signed-only", key=True, addresses=())
-    assert rig.tell(BEAT, READ, address="stranger") == []
+    assert rig.send(BEAT, READ, address="stranger") == []
     rig.tick_silently(seconds=1.0)
     assert rig.transport.sent == []
     sign(rig)
-    assert rig.tell(BEAT, address="station") != []
+    assert rig.send(BEAT, address="station") != []
 
 
 def test_sender_with_an_old_timestamp_gets_a_signed_heartbeat_only(linked):
     rig = linked("policy=signed-only", key=True, addresses=())
     sign(rig)
-    rig.tell(BEAT, address="station")
+    rig.send(BEAT, address="station")
     rig.station.signing.timestamp = NOW - 5
     old = rig.frame(ARM)
     before = len(rig.request_handler.intents)
@@ -158,9 +158,9 @@ def test_sender_with_an_old_timestamp_gets_a_signed_heartbeat_only(linked):
 def test_radio_status_needs_no_signature(linked):
     rig = linked("policy=signed-only", key=True)
     before = rig.endpoint._gate.refused_frames
-    rig.tell(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
+    rig.send(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
     assert rig.endpoint._gate.refused_frames == before
-    rig.tell(BEAT)
+    rig.send(BEAT)
     assert rig.endpoint._gate.refused_frames == before + 1
 
 
@@ -169,7 +169,7 @@ def test_radio_status_needs_no_signature(linked):
 
 def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
-    replies = rig.tell(ARM, SET)
+    replies = rig.send(ARM, SET)
     answers = [message.to_dict() for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR")]
     error = mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
     assert answers == [
@@ -177,9 +177,9 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
         {**mavlink.MAVLink_param_error_message(255, 190, b"CTL_K1", -1, error).to_dict(), "param_id": "CTL_K1"},
     ]
     assert texts(replies) == ["COMMAND_LONG refused: not signed", "PARAM_SET refused: not signed"]
-    (extended,) = of(rig.tell(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
+    (extended,) = of(rig.send(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
     assert (extended.param_id, extended.param_result) == ("CTL_K1", mavlink.PARAM_ACK_FAILED)
-    assert of(rig.tell(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
+    assert of(rig.send(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
     others = [
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 2),
         mavlink.MAVLink_mission_item_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 1),
@@ -192,7 +192,7 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, 6, *[0] * 247]),  # create
     ]
-    replies = [message for other in others for message in rig.tell(other)]
+    replies = [message for other in others for message in rig.send(other)]
     assert rig.request_handler.intents == []
     answers = [message.to_dict() for message in replies if message.get_type() != "STATUSTEXT"]
     denied = mavlink.MAV_MISSION_DENIED
@@ -213,21 +213,21 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
 def test_request_for_data_is_not_a_command(linked, of):
     rig = linked("policy=signed-commands")
     rig.tick(home=None)
-    (ack,) = of(rig.tell(HOME), "COMMAND_ACK")
+    (ack,) = of(rig.send(HOME), "COMMAND_ACK")
     assert ack.result != mavlink.MAV_RESULT_DENIED
     read = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 4, *[0] * 247])
-    (answer,) = of(rig.tell(read), "FILE_TRANSFER_PROTOCOL")
+    (answer,) = of(rig.send(read), "FILE_TRANSFER_PROTOCOL")
     assert answer.payload[12] != 9
-    assert of(rig.tell(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
+    assert of(rig.send(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
 
 
 def test_refusals_are_limited(linked):
     rig = linked("policy=signed-commands")
-    replies = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
+    replies = [message for _ in range(50) for message in rig.send(*[ARM] * 20)]
     assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == MAX_BURST_DENIALS
     for seconds, count in ((2.0, 10), (0.19, 0), (0.02, 1)):
         rig.now_s += seconds
-        replies = rig.tell(*[ARM] * 20)
+        replies = rig.send(*[ARM] * 20)
         assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == count
     assert rig.request_handler.intents == []
 
@@ -296,19 +296,19 @@ def test_reading_messages_and_file_operations_need_no_rights_to_command():
 
 def test_only_listed_systems_may_command(linked, texts):
     rig = linked("systems=254,255")
-    rig.tell(ARM)
+    rig.send(ARM)
     assert len(rig.request_handler.intents) == 1
     rig.station = mavlink.MAVLink(None, srcSystem=7, srcComponent=190)
-    replies = rig.tell(ARM)
+    replies = rig.send(ARM)
     assert "system 7 may not command here" in texts(replies)[0]
-    assert "PARAM_VALUE" in kinds(rig.tell(READ))
+    assert "PARAM_VALUE" in kinds(rig.send(READ))
     assert len(rig.request_handler.intents) == 1
 
 
 def test_signed_frame_of_an_unlisted_system_may_not_command(linked):
     rig = linked("systems=7&trusted=1", key=True)
     sign(rig)
-    rig.tell(ARM, REMOVE)
+    rig.send(ARM, REMOVE)
     assert rig.request_handler.intents == []
     assert rig.endpoint._signing.has_key
 
@@ -324,7 +324,7 @@ def test_parameter_disables_mavlink1(linked):
     rig.tick()
     assert rig.give(arm) == []
     assert len(rig.request_handler.intents) == 1
-    rig.tell(DISARM)
+    rig.send(DISARM)
     assert len(rig.request_handler.intents) == 2
 
 
@@ -342,7 +342,7 @@ def test_mavlink1_may_not_command_if_signatures_are_required(linked):
 
 def test_key_is_set_over_a_trusted_link_only(linked, texts):
     rig = linked()
-    (refusal,) = texts(rig.tell(SETUP))
+    (refusal,) = texts(rig.send(SETUP))
     assert all(part in refusal for part in ("SETUP_SIGNING refused", "rambler key set", "?trusted=1"))
     assert not rig.endpoint._signing.has_key
     assert rig.vault.contents == []
@@ -351,9 +351,9 @@ def test_key_is_set_over_a_trusted_link_only(linked, texts):
 @pytest.mark.parametrize("options", ["trusted=1", "trusted=1&policy=signed-only", "trusted=1&policy=signed-commands"])
 def test_key_is_set_and_removed_over_a_trusted_link_with_any_policy(linked, options, texts):
     rig = linked(options)
-    assert texts(rig.tell(SETUP)) == ["Signing key set"]
+    assert texts(rig.send(SETUP)) == ["Signing key set"]
     assert KEY.hex().encode() in rig.vault.contents[-1]
-    assert texts(rig.tell(REMOVE)) == ["Signing key removed"]
+    assert texts(rig.send(REMOVE)) == ["Signing key removed"]
     assert rig.vault.contents[-1] == b""
     assert rig.vault.both[0]
     assert rig.vault.both[-1]
@@ -371,7 +371,7 @@ def test_key_is_not_sent_to_any_peer(linked):
 def test_failed_storage_of_a_key_is_reported(linked, texts):
     rig = linked("trusted=1")
     rig.vault.at_once = False
-    assert texts(rig.tell(SETUP)) == []
+    assert texts(rig.send(SETUP)) == []
     rig.vault.waiting.pop()(False)
     assert texts(rig.replies()) == ["Signing key set, but this could not be stored"]
 
@@ -380,14 +380,14 @@ def test_failed_storage_of_a_key_is_reported(linked, texts):
 def test_invalid_key_is_refused(linked, key, timestamp, texts):
     rig = linked("trusted=1", key=True)
     before = list(rig.vault.contents)
-    replies = rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
+    replies = rig.send(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
     assert texts(replies) == ["SETUP_SIGNING refused: no key, or no timestamp"]
     assert rig.vault.contents == before
 
 
 def test_setup_signing_of_another_system_is_ignored(linked):
     rig = linked("trusted=1")
-    rig.tell(mavlink.MAVLink_setup_signing_message(2, 1, KEY, NOW))
+    rig.send(mavlink.MAVLink_setup_signing_message(2, 1, KEY, NOW))
     assert not rig.endpoint._signing.has_key
 
 
@@ -395,14 +395,14 @@ def test_station_with_another_key_sets_it_over_a_trusted_link(linked):
     rig = linked("trusted=1", key=True)
     other = bytes(32 * [9])
     sign(rig, other)
-    rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, other, NOW))
-    rig.tell(ARM)
+    rig.send(mavlink.MAVLink_setup_signing_message(1, 1, other, NOW))
+    rig.send(ARM)
     assert rig.request_handler.intents == [Arm(True, False)]
 
 
 def test_key_and_timestamps_are_restored_at_the_next_start(linked, make_rig):
     rig = linked("policy=signed-only&trusted=1")
-    rig.tell(SETUP)
+    rig.send(SETUP)
     sign(rig)
     replayed = rig.frame(ARM)
     rig.give(replayed)
@@ -412,7 +412,7 @@ def test_key_and_timestamps_are_restored_at_the_next_start(linked, make_rig):
     assert again.endpoint.key_problem == ""
     again.give(replayed)
     assert again.request_handler.intents == []
-    again.tell(ARM)
+    again.send(ARM)
     assert again.request_handler.intents == [Arm(True, False)]
 
 
@@ -444,7 +444,7 @@ def test_untrusted_link_accepts_nothing_after_loss_of_the_key(keyless, options):
     for key in (None, KEY):
         if key:
             sign(rig)
-        assert kinds(rig.tell(ARM, SET, READ, SETUP, REMOVE, BEAT)) == set()
+        assert kinds(rig.send(ARM, SET, READ, SETUP, REMOVE, BEAT)) == set()
     rig.give(mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink1.MAVLink(None, srcSystem=255)))
     assert rig.request_handler.intents == []
     assert rig.endpoint.station_s is None
@@ -454,7 +454,7 @@ def test_untrusted_link_accepts_nothing_after_loss_of_the_key(keyless, options):
 def test_sender_gets_no_reply_after_loss_of_the_key(keyless):
     rig = keyless(addresses=())
     for _ in range(3):
-        assert rig.tell(BEAT, READ, ARM, address="stranger") == []
+        assert rig.send(BEAT, READ, ARM, address="stranger") == []
         rig.tick_silently(seconds=1.0)
     assert rig.transport.sent == []
 
@@ -472,7 +472,7 @@ def test_trusted_link_works_after_loss_of_the_key(keyless, of, key):
     rig = keyless("trusted=1")
     if key:
         sign(rig)  # a station that has it still
-    assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
+    assert of(rig.send(ARM), "COMMAND_ACK")[0].result == 0
     assert rig.request_handler.intents == [Arm(True, False)]
 
 
@@ -482,12 +482,12 @@ def test_trusted_link_works_after_loss_of_the_key(keyless, of, key):
 )
 def test_lost_key_is_set_or_removed_over_a_trusted_link(keyless, setup, replies, unsigned_commands, texts):
     rig = keyless("trusted=1")
-    assert texts(rig.tell(setup)) == [replies]
+    assert texts(rig.send(setup)) == [replies]
     assert rig.endpoint.key_problem == ""
     rig.transport.options = parse_options("policy=auto")
-    rig.tell(ARM)
+    rig.send(ARM)
     assert bool(rig.request_handler.intents) is unsigned_commands
     if not unsigned_commands:
         sign(rig)
-        rig.tell(ARM)
+        rig.send(ARM)
         assert rig.request_handler.intents == [Arm(True, False)]

@@ -137,9 +137,9 @@ def flood(rig):
         rig.prove(("203.0.113.1", number))
         rig.prove((f"203.0.113.{number}", 1))
     sign(rig)
-    rig.tell(BEAT, address="station")
+    rig.send(BEAT, address="station")
     if not rig.endpoint._signing.has_key:
-        rig.tell(BEAT, address="station")
+        rig.send(BEAT, address="station")
     if len(rig.endpoint._peers) == 0:
         return SHUT
     return SERVED if "station" in {peer.address for peer in rig.endpoint._peers} else WAITS
@@ -148,18 +148,18 @@ def flood(rig):
 def set_up_signing(rig):
     was_there = rig.endpoint._signing.has_key
     for message in (BEAT, BEAT, mavlink.MAVLink_setup_signing_message(1, 1, NO_KEY, 0)):
-        rig.tell(message, address="attacker")
+        rig.send(message, address="attacker")
     if was_there and not rig.endpoint._signing.has_key:
         return SET
-    rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, ANOTHER_KEY, NOW), address="attacker")
+    rig.send(mavlink.MAVLink_setup_signing_message(1, 1, ANOTHER_KEY, NOW), address="attacker")
     assert rig.endpoint._signing.has_key is was_there
     assert ANOTHER_KEY.hex().encode() not in b"".join(rig.vault.contents)
     return KEPT
 
 
 def pass_for_a_station(rig):
-    rig.tell(BEAT, address="attacker")
-    rig.tell(BEAT, address="attacker")
+    rig.send(BEAT, address="attacker")
+    rig.send(BEAT, address="attacker")
     return FOUND_OUT if rig.endpoint.station_s is None else PASSES
 
 

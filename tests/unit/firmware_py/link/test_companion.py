@@ -44,14 +44,14 @@ def test_battery_status_becomes_a_power_sample(message, expected):
 def companion(rig):
     """Send the battery report of a component; return the requests that it causes."""
 
-    def tell(message, system=1, component=200, chosen=200):
+    def send(message, system=1, component=200, chosen=200):
         rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", chosen)
         rig.station.srcSystem, rig.station.srcComponent = system, component
         before = len(rig.request_handler.intents)
-        rig.tell(message)
+        rig.send(message)
         return rig.request_handler.intents[before:]
 
-    return tell
+    return send
 
 
 def test_battery_of_the_selected_component_is_used(companion):
@@ -75,7 +75,7 @@ def test_refused_battery_is_reported_with_its_reason(rig, texts, reason, text):
     rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", 200)
     rig.station.srcSystem, rig.station.srcComponent = 1, 200
     rig.request_handler.answer = Answer(Verdict.DENIED, reason)
-    assert texts(rig.tell(battery())) == [text]
+    assert texts(rig.send(battery())) == [text]
 
 
 def judged(**values):

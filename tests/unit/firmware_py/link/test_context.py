@@ -182,11 +182,11 @@ def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make
     """MAVProxy evaluates them then, before it requests anything, and would report that they are disabled."""
     rig = make_rig(addresses=())
     rig.tick(armed=armed)
-    replies = rig.tell(BEAT, address="station")
+    replies = rig.send(BEAT, address="station")
     assert kinds(replies) == first
     checks = [(value.param_id, value.param_value) for value in replies[:-1]]
     assert checks == ([("ARMING_CHECK", 1.0), ("ARMING_SKIPCHK", 0.0)] if armed else [])
-    replies = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
+    replies = [*rig.send(BEAT, address="station"), *rig.tick(armed=armed)]
     assert kinds(replies).count("PARAM_VALUE") == 0
 
 
@@ -194,6 +194,6 @@ def test_silent_peer_is_sent_arming_checks_before_each_heartbeat(rig, of):
     """On a link that the boat opens itself, a station may start or restart at any time."""
     kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
     assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
-    rig.tell(BEAT)
+    rig.send(BEAT)
     assert of(rig.ticks(20), "PARAM_VALUE") == []
     assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2

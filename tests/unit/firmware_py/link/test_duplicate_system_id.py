@@ -16,7 +16,7 @@ def twin(rig, texts):
         reports = []
         for message in messages:
             rig.station.srcSystem, rig.station.srcComponent = 1, 1
-            reports += texts(rig.tell(message))
+            reports += texts(rig.send(message))
             rig.now_s += every_s
             rig.utc_s += every_s
         return reports

@@ -250,7 +250,7 @@ def test_key_of_a_late_disk_is_used_once(rig):
     assert rig.endpoint.key_problem == ""
     assert not rig.endpoint.restore_late_key(Stored(content))
     sign(rig)
-    assert rig.tell(mavlink.MAVLink_ping_message(1, 1, 0, 0))[0].get_msgbuf()[2] == 1  # signed
+    assert rig.send(mavlink.MAVLink_ping_message(1, 1, 0, 0))[0].get_msgbuf()[2] == 1  # signed
     assert rig.endpoint.progress() == ()
 
 
@@ -258,7 +258,7 @@ def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
     rig.tick(seconds=5.0)
     assert rig.transport.polled_s == rig.now_s
     rig.transport.is_writable = False
-    rig.tell(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+    rig.send(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.is_writable = True
     rig.endpoint.close()
     assert of(rig.replies(), "PING")
@@ -315,8 +315,8 @@ def test_only_a_commanding_station_prevents_station_silent(make_rig, sender, kin
         sign(rig)
     rig.station.srcSystem, rig.station.srcComponent = sender
     beat = mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 0, 3)
-    rig.tell(beat)
-    rig.tell(beat)
+    rig.send(beat)
+    rig.send(beat)
     assert (rig.endpoint.station_s is not None) is counts
     assert any(peer.ground_station for link in rig.endpoint.status(rig.now_s) for peer in link.peers) is counts
 

@@ -34,12 +34,12 @@ def boat(disk, stored):
 
 
 def entries(rig, of, start=0, end=0xFFFF):
-    replies = rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
+    replies = rig.send(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
     return {one.id: one for one in of(replies, "LOG_ENTRY")}
 
 
 def ask_data(rig, number, start=0, count=OPEN_END, address="station"):
-    return rig.tell(mavlink.MAVLink_log_request_data_message(1, 1, number, start, count), address=address)
+    return rig.send(mavlink.MAVLink_log_request_data_message(1, 1, number, start, count), address=address)
 
 
 def blocks(replies):
@@ -124,7 +124,7 @@ def test_request_of_a_whole_log_is_limited_per_tick(boat, of):
         assert len(blocks(ask_data(boat, 2, 0, count))) == -(-count // 90)
         assert len(blocks(ask_data(boat, 2))) == remaining
         assert blocks(boat.give(b"")) == {}
-        boat.tell(mavlink.MAVLink_log_request_end_message(1, 1))
+        boat.send(mavlink.MAVLink_log_request_end_message(1, 1))
         boat.tick_silently()
 
 
@@ -132,7 +132,7 @@ def test_requested_gaps_are_sent_again(boat, of):
     entries(boat, of)
     wanted = [(90 * number, 90 * (1 + number % 3)) for number in range(0, 100, 5)]
     requests = [mavlink.MAVLink_log_request_data_message(1, 1, 2, start, count) for start, count in wanted]
-    found = blocks(boat.tell(*requests))
+    found = blocks(boat.send(*requests))
     for start, count in wanted:
         sent = b"".join(found[offset] for offset in range(start, start + count, 90))
         assert sent == content_of(2)[start : start + count]
@@ -218,7 +218,7 @@ def test_removed_log_ends_the_download(boat, disk, of):
 def test_log_request_end_ends_the_stream(boat, of):
     entries(boat, of)
     ask_data(boat, 2)
-    boat.tell(mavlink.MAVLink_log_request_end_message(1, 1))
+    boat.send(mavlink.MAVLink_log_request_end_message(1, 1))
     boat.tick_silently()
     assert blocks(boat.give(b"")) == {}
 
@@ -249,7 +249,7 @@ def test_station_with_a_complete_list_blocks_no_other(disk, stored, of):
     names = ("one", "two", "three", "four", "five")
     rig, _ = stored(addresses=names)
     for address in names[:4]:
-        rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF), address=address)
+        rig.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF), address=address)
     assert joined(blocks(ask_data(rig, 0, address="five"))) == content_of(5)
 
 
@@ -304,12 +304,12 @@ ERASE = mavlink.MAVLink_log_erase_message(1, 1)
 def test_all_logs_except_the_present_one_are_erased(boat, disk, texts):
     boat.tick_silently(armed=False, mode=Mode.HOLD)
     boat.replies()
-    assert "2 logs erased" in texts(boat.tell(ERASE))
+    assert "2 logs erased" in texts(boat.send(ERASE))
     assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
 
 def test_logs_are_not_erased_while_armed(boat, disk, texts):
-    assert texts(boat.tell(ERASE)) == ["Log erase refused: armed, disarm first"]
+    assert texts(boat.send(ERASE)) == ["Log erase refused: armed, disarm first"]
     assert len(list(disk.iterdir())) == 3
 
 
@@ -320,7 +320,7 @@ def test_logs_that_cannot_be_erased_are_reported(boat, disk, texts, monkeypatch)
     boat.tick_silently(armed=False)
     boat.replies()
     monkeypatch.setattr(Path, "unlink", fail)
-    (text,) = texts(boat.tell(ERASE))
+    (text,) = texts(boat.send(ERASE))
     assert text == ("Logs could not be erased: the disk is locked " + "x" * 300)[:200]
 
 
@@ -329,7 +329,7 @@ def test_erasure_ends_a_download(boat, of):
     ask_data(boat, 2)
     boat.tick_silently(armed=False)
     boat.replies()
-    boat.tell(ERASE)
+    boat.send(ERASE)
     boat.tick_silently(armed=False)
     assert blocks(boat.give(b"")) == {}
 
@@ -393,7 +393,7 @@ def test_both_names_of_a_log_are_erased(boat, disk, texts):
     (disk / "00000002.BIN").write_bytes(copy)  # as between the last two steps
     boat.tick_silently(armed=False, mode=Mode.HOLD)
     boat.replies()
-    assert "2 logs erased" in texts(boat.tell(ERASE))
+    assert "2 logs erased" in texts(boat.send(ERASE))
     assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
 
@@ -406,7 +406,7 @@ def test_repeated_list_request_does_not_disturb_a_download(boat, disk, of, gone)
     found = blocks(ask_data(boat, 2))  # opened by now; what is removed from the directory can be read to its end
     for number in gone:
         (disk / f"{number:08d}.BIN").unlink()
-    found.update(blocks(boat.tell(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))))
+    found.update(blocks(boat.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))))
     for _ in range(10):
         boat.tick_silently()
         found.update(blocks(boat.give(b"")))

@@ -178,10 +178,10 @@ def test_station_with_a_new_nat_port_continues(make_rig):
     ports = [("198.51.100.7", 40_000 + number) for number in range(8)]
     rig.prove(ports[0])
     items = [mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, n, n, 0, 0) for n in range(40)]
-    replies = rig.tell(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
+    replies = rig.send(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
     while (query := replies[-1]).get_type() == "MISSION_REQUEST_INT":
         rig.tick()
-        replies = rig.tell(items[query.seq], address=ports[query.seq // 5])
+        replies = rig.send(items[query.seq], address=ports[query.seq // 5])
         replies = [message for message in replies if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_ACK")]
     assert (replies[-1].get_type(), replies[-1].type) == ("MISSION_ACK", 0)
     assert len(rig.request_handler.plans().mission.items) == 39
@@ -194,7 +194,7 @@ def test_rates_and_pending_requests_move_to_the_new_port(make_rig, of):
     old, new = ("198.51.100.7", 1), ("198.51.100.7", 2)
     rig.prove(old)
     rig.command(511, 30, 1e6)  # ATTITUDE once a second; of any peer that is at the first address
-    rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address=old)
+    rig.send(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address=old)
     rig.ticks(3)
     rig.prove(new)
     rig.replies()

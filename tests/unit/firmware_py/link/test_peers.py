@@ -55,7 +55,7 @@ def test_noise_of_an_unknown_sender_gets_no_reply(open_rig):
 
 
 def test_sender_of_one_frame_gets_a_few_heartbeats_only(open_rig):
-    beats_s = [open_rig.now_s for _ in without_unrequested(open_rig.tell(BEAT, address="station"))]
+    beats_s = [open_rig.now_s for _ in without_unrequested(open_rig.send(BEAT, address="station"))]
     for _ in range(120):
         replies = open_rig.tick(seconds=0.25, armed=False)
         assert set(kinds(replies)) <= {"HEARTBEAT"}
@@ -65,8 +65,8 @@ def test_sender_of_one_frame_gets_a_few_heartbeats_only(open_rig):
 
 
 def test_peer_that_sends_again_becomes_active(open_rig):
-    assert kinds(open_rig.tell(BEAT, address="station")) == ["HEARTBEAT"]
-    open_rig.tell(BEAT, address="station")
+    assert kinds(open_rig.send(BEAT, address="station")) == ["HEARTBEAT"]
+    open_rig.send(BEAT, address="station")
     assert seated(open_rig) == {"station"}
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
@@ -74,10 +74,10 @@ def test_peer_that_sends_again_becomes_active(open_rig):
 def test_pending_peer_that_uploads_is_not_removed(open_rig):
     """Another peer is refused meanwhile."""
     count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
-    replies = open_rig.tell(count, address="first")
+    replies = open_rig.send(count, address="first")
     assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(replies)}
     assert seated(open_rig) == set()
-    replies = open_rig.tell(count, address="second")
+    replies = open_rig.send(count, address="second")
     acks = [message.type for message in replies if message.get_type() == "MISSION_ACK"]
     assert acks == [mavlink.MAV_MISSION_DENIED]
 
@@ -90,8 +90,8 @@ def test_rest_of_a_datagram_does_not_prove_the_peer(open_rig):
 
 
 def test_long_reply_is_completed_after_the_peer_is_proven(open_rig):
-    first = open_rig.tell(READ_ALL, address="station")
-    second = open_rig.tell(BEAT, address="station")
+    first = open_rig.send(READ_ALL, address="station")
+    second = open_rig.send(BEAT, address="station")
     assert 0 < kinds(first).count("PARAM_VALUE") <= 5
     rows = [message.param_index for message in (*first, *second) if message.get_type() == "PARAM_VALUE"]
     assert rows == list(range(len(TABLE)))
@@ -103,16 +103,16 @@ def test_silent_peer_must_prove_its_address_again(open_rig):
     assert "ATTITUDE" in kinds(open_rig.replies())
     open_rig.tick(seconds=0.1)
     assert open_rig.ticks(300) == []
-    assert kinds(open_rig.tell(READ, address="station")).count("PARAM_VALUE") == 1
+    assert kinds(open_rig.send(READ, address="station")).count("PARAM_VALUE") == 1
     assert "ATTITUDE" not in kinds(open_rig.ticks(20))
-    open_rig.tell(BEAT, address="station")
+    open_rig.send(BEAT, address="station")
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
 
 def test_signing_peer_is_proven_at_once(keyed):
     rig = keyed()
     sign(rig)
-    rig.tell(BEAT, address="station")
+    rig.send(BEAT, address="station")
     assert seated(rig) == {"station"}
     rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     rig.tick_silently()
@@ -224,23 +224,23 @@ def test_station_with_the_key_is_always_admitted(keyed):
     assert len(seated(rig)) == MAX_ACTIVE_PEERS // 2
     sign(rig)
     for number in range(MAX_ACTIVE_PEERS):
-        rig.tell(BEAT, address=(f"192.0.2.{number}", 1))
+        rig.send(BEAT, address=(f"192.0.2.{number}", 1))
     assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
 
 
 def test_pending_peers_do_not_block_others(open_rig):
     for number in range(10 * MAX_PENDING_PEERS):
-        open_rig.tell(BEAT, address=(f"host {number}", 1))
+        open_rig.send(BEAT, address=(f"host {number}", 1))
     assert len(tuple(open_rig.endpoint._peers.all_peers())) == MAX_PENDING_PEERS
     open_rig.prove("station")
     assert seated(open_rig) == {"station"}
 
 
 def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
-    open_rig.tell(BEAT, address=("station", 1))
+    open_rig.send(BEAT, address=("station", 1))
     for port in range(10 * MAX_PENDING_PEERS):
-        open_rig.tell(BEAT, address=("crowd", port))
-    open_rig.tell(BEAT, address=("station", 1))
+        open_rig.send(BEAT, address=("crowd", port))
+    open_rig.send(BEAT, address=("station", 1))
     assert seated(open_rig) == {("station", 1)}
 
 
@@ -248,7 +248,7 @@ def test_silent_peer_is_removed(open_rig):
     open_rig.prove("speaks")
     open_rig.prove("silent")
     open_rig.now_s = 299.0
-    open_rig.tell(BEAT, address="speaks")
+    open_rig.send(BEAT, address="speaks")
     open_rig.tick(seconds=1.0)
     assert seated(open_rig) == {"speaks", "silent"}
     open_rig.tick()
@@ -280,7 +280,7 @@ def test_status_contains_the_age_of_the_latest_valid_frame(rig):
 
     rig.give(b"\xfd\x00noise" * 50)
     assert heard_age_s() is None
-    rig.tell(BEAT)
+    rig.send(BEAT)
     assert heard_age_s() == 0.0
     rig.tick(seconds=2.5)
     assert heard_age_s() == 2.5
@@ -334,7 +334,7 @@ def test_client_without_a_frame_is_dropped(connected, policy, gets):
 def test_dropped_client_is_reported_to_the_stations(connected, texts):
     rig = connected()
     rig.transport.served = ("station",)
-    rig.tell(BEAT, address="datagram peer")  # has no connection
+    rig.send(BEAT, address="datagram peer")  # has no connection
     assert texts(rig.tick(seconds=10.0)) == []
     assert texts(rig.tick()) == ["client on memory dropped: no valid frame"]
 
@@ -349,7 +349,7 @@ def test_client_with_noise_is_dropped(connected):
 
 def test_client_is_active_from_its_first_frame_until_it_is_silent(connected):
     rig = connected()
-    assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("client", 1)))
+    assert "PARAM_VALUE" in kinds(rig.send(READ, address=("client", 1)))
     assert seated(rig) == {("client", 1)}
     rig.tick(seconds=FORGET_S - 1.0)
     rig.tick_silently(seconds=0.5)
@@ -366,14 +366,14 @@ def test_silent_connections_do_not_exclude_a_station(connected):
     rig.transport.connected += (("station", 1),)
     rig.tick()
     sign(rig)
-    assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("station", 1)))
+    assert "PARAM_VALUE" in kinds(rig.send(READ, address=("station", 1)))
 
 
 def test_station_with_an_old_timestamp_gets_a_signed_heartbeat_on_a_connection(connected):
     rig = connected("policy=signed-only", key=True)
     sign(rig)
     rig.station.signing.timestamp = NOW - 120 * 100_000
-    replies = rig.tell(BEAT, address=("client", 1))
+    replies = rig.send(BEAT, address=("client", 1))
     assert "HEARTBEAT" in kinds(replies)
     assert seated(rig) == set()
 
@@ -388,7 +388,7 @@ def test_radio_status_is_accepted_on_a_line_only(keyed, byte_rate):
     rig.tick()
     before = seated(rig)
     status = mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0)
-    assert rig.tell(status, status, address="line") == []
+    assert rig.send(status, status, address="line") == []
     assert seated(rig) == before
     assert rig.endpoint._gate.refused_frames == 0
 

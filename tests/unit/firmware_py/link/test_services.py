@@ -38,19 +38,19 @@ def decoded(rig, address):
 
 
 def test_ping_gets_a_reply(rig):
-    (reply,) = rig.tell(mavlink.MAVLink_ping_message(123, 5, 0, 0))
+    (reply,) = rig.send(mavlink.MAVLink_ping_message(123, 5, 0, 0))
     assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (123, 5, 255, 190)
 
 
 def test_addressed_ping_gets_one_reply(rig):
-    (reply,) = rig.tell(mavlink.MAVLink_ping_message(123, 5, 1, 1))
+    (reply,) = rig.send(mavlink.MAVLink_ping_message(123, 5, 1, 1))
     assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (123, 5, 255, 190)
-    assert rig.tell(mavlink.MAVLink_ping_message(123, 5, 1, 1)) == []
-    assert len(rig.tell(mavlink.MAVLink_ping_message(123, 6, 1, 1))) == 1
-    assert rig.tell(mavlink.MAVLink_ping_message(123, 7, 2, 1)) == []
+    assert rig.send(mavlink.MAVLink_ping_message(123, 5, 1, 1)) == []
+    assert len(rig.send(mavlink.MAVLink_ping_message(123, 6, 1, 1))) == 1
+    assert rig.send(mavlink.MAVLink_ping_message(123, 7, 2, 1)) == []
     for system in range(1, 251):
         rig.station.srcSystem = system
-        rig.tell(mavlink.MAVLink_ping_message(1, 1, 1, 1))
+        rig.send(mavlink.MAVLink_ping_message(1, 1, 1, 1))
     assert len(rig.endpoint._handlers[4].__self__._latest_pings) == 32
 
 
@@ -65,27 +65,27 @@ def test_two_stations_with_equal_ping_numbers_get_replies(make_rig):
 
 def test_only_the_time_of_a_ground_station_is_offered(rig):
     time = mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 0)
-    rig.tell(time)
+    rig.send(time)
     assert rig.offered_utc == []
-    rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), time)
-    rig.tell(mavlink.MAVLink_system_time_message(0, 0), mavlink.MAVLink_system_time_message(2**64 - 1, 0))
+    rig.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), time)
+    rig.send(mavlink.MAVLink_system_time_message(0, 0), mavlink.MAVLink_system_time_message(2**64 - 1, 0))
     assert rig.offered_utc == [(1.8e9, rig.now_s)]
 
 
 def test_timesync_reply_contains_both_times(rig):
     rig.now_s = 2.5
-    (reply,) = rig.tell(mavlink.mavlink_map[111](0, -(2**63), 1, 1))
+    (reply,) = rig.send(mavlink.mavlink_map[111](0, -(2**63), 1, 1))
     assert (reply.tc1, reply.ts1, reply.target_system, reply.target_component) == (2_500_000_000, -(2**63), 255, 190)
 
 
 def test_timesync_replies_and_foreign_requests_are_ignored(rig):
-    assert rig.tell(mavlink.mavlink_map[111](5, 1, 0, 0), mavlink.mavlink_map[111](0, 1, 2, 1)) == []
+    assert rig.send(mavlink.mavlink_map[111](5, 1, 0, 0), mavlink.mavlink_map[111](0, 1, 2, 1)) == []
 
 
 @pytest.mark.parametrize(("utc_s", "is_offered"), [(0.0, False), (1.0, True), (9.99e10, True), (1.01e11, False)])
 def test_impossible_time_of_a_ground_station_is_not_offered(rig, utc_s, is_offered):
-    rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    rig.tell(mavlink.MAVLink_system_time_message(int(utc_s * 1e6), 0))
+    rig.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    rig.send(mavlink.MAVLink_system_time_message(int(utc_s * 1e6), 0))
     assert bool(rig.offered_utc) is is_offered
 
 
@@ -94,7 +94,7 @@ def typed(device=SHELL, flags=mavlink.SERIAL_CONTROL_FLAG_RESPOND, text=b"help\n
 
 
 def test_console_input_gets_the_reply_that_there_is_no_shell(rig):
-    (answer,) = rig.tell(typed())
+    (answer,) = rig.send(typed())
     assert (answer.device, answer.flags, answer.timeout, answer.baudrate) == (SHELL, 1, 0, 0)
     assert bytes(answer.data[: answer.count]) == b"no shell over MAVLink; log in by ssh\r\n"
 
@@ -104,4 +104,4 @@ def test_console_input_gets_the_reply_that_there_is_no_shell(rig):
     [{"device": mavlink.SERIAL_CONTROL_DEV_GPS1}, {"flags": mavlink.SERIAL_CONTROL_FLAG_REPLY}, {"text": b""}],
 )
 def test_console_reply_is_not_answered(rig, more):
-    assert rig.tell(typed(**more)) == []
+    assert rig.send(typed(**more)) == []

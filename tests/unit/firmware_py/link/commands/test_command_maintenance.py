@@ -178,7 +178,7 @@ def test_failure_of_the_disk_is_reported(rig, texts):
 def test_cancel_of_storage_has_no_effect(rig):
     rig.request_handler.at_once = False
     rig.command(245, 1)
-    assert rig.tell(cancel_message(245)) == []
+    assert rig.send(cancel_message(245)) == []
     rig.request_handler.waiting.pop()(True)
     assert results(rig.replies()) == [ACCEPTED]
 
@@ -267,9 +267,9 @@ def test_failed_compass_calibration_reports_the_reason(rig, compass, texts, end,
 
 def test_compass_calibration_is_cancelled_by_command_or_timeout(rig, compass):
     rig.command(241, 0, 1)
-    assert results(rig.tell(cancel_message(241))) == [CANCELLED]
+    assert results(rig.send(cancel_message(241))) == [CANCELLED]
     assert compass.cancel_count == 1
-    assert rig.tell(cancel_message(241)) == []
+    assert rig.send(cancel_message(241)) == []
     assert results([message for _ in range(20) for message in rig.tick(armed=False)]) == []
     rig.command(241, 0, 1)
     assert results(rig.tick(seconds=901.0)) == [FAILED]

@@ -38,13 +38,13 @@ def test_positions_of_home_and_goals_have_limits(number, limit):
 
 def test_set_home_position_sets_and_reports_home(rig, of, texts):
     position = (450_000_000, -1_200_000_000, 2_000)
-    rig.tell(mavlink.MAVLink_set_home_position_message(1, *position, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
+    rig.send(mavlink.MAVLink_set_home_position_message(1, *position, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
     (home,) = rig.request_handler.intents
     assert (home.latitude_rad, home.altitude_m) == pytest.approx((math.radians(45), 2.0))
     replies = rig.tick(home=Home(home.latitude_rad, home.longitude_rad, 2.0))
     assert len(of(replies, "HOME_POSITION")) == len(of(replies, "GPS_GLOBAL_ORIGIN")) == 1
     assert of(replies, "GPS_GLOBAL_ORIGIN")[0].latitude == 450_000_000
-    replies = rig.tell(mavlink.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
+    replies = rig.send(mavlink.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
     assert texts(replies) == ["SET_HOME_POSITION: home at 0, 0 is not accepted"]
     assert len(rig.request_handler.intents) == 1
 

@@ -27,7 +27,7 @@ def result(messages):
 def test_every_message_can_be_requested(rig, number):
     swing = SwingReport(CalibrationState.DONE if number == MAG_CAL_REPORT else CalibrationState.RUNNING)
     rig.request_handler.compass_swing = SimpleNamespace(report=swing)
-    rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
+    rig.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
     changes = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
     changes |= {"wind": Wind(1.0, north_m_s=1.0, east_m_s=2.0), "wind_ok": True, "depth": DepthSample(1.0, 12.0)}
     rig.tick(**FIX, **SERVO, **changes, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
@@ -94,7 +94,7 @@ def test_interval_is_set_and_reported(rig, of):
 def test_each_peer_has_separate_intervals(make_rig, of):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
-    rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address="one")
+    rig.send(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address="one")
     for address, expected in (("one", 0), ("two", 1)):
         rig.tick_silently()
         assert len(of(rig.replies(address), "ATTITUDE")) == expected
@@ -117,7 +117,7 @@ def test_interval_of_an_unknown_message_is_refused(rig, number):
 
 
 def test_request_data_stream_sets_and_stops_a_rate(rig, of):
-    rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 1))
+    rig.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 1))
     assert len(of(rig.ticks(50), "ATTITUDE")) == pytest.approx(10, abs=1)
-    rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 0))
+    rig.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 0))
     assert of(rig.ticks(50), "ATTITUDE") == []

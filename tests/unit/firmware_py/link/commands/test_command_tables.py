@@ -145,8 +145,8 @@ def home(*, frame=0, x=450_000_000, y=-1_200_000_000, z=2.0):
 
 
 def test_command_int_has_positions_as_integers(rig):
-    assert results(rig.tell(reposition(401_000_000, -115_000_000))) == [0]
-    assert results(rig.tell(home())) == [0]
+    assert results(rig.send(reposition(401_000_000, -115_000_000))) == [0]
+    assert results(rig.send(home())) == [0]
     assert results(rig.command(HOME, 0, 0, 0, NAN, 45.0, -120.0, 2.0)) == [0]
     goal, by_int, by_long = rig.request_handler.intents
     assert goal == SteerPosition(degrees(40.1), degrees(-11.5), change_mode=True)
@@ -165,5 +165,5 @@ def test_command_int_has_positions_as_integers(rig):
     ],
 )
 def test_invalid_position_in_command_int_is_refused(rig, message):
-    assert results(rig.tell(message)) == [DENIED]
+    assert results(rig.send(message)) == [DENIED]
     assert rig.request_handler.intents == []

@@ -33,7 +33,7 @@ def test_unknown_command_is_unsupported(rig, number):
     ack = only_ack(rig.command(number))
     assert (ack.result, ack.progress, ack.result_param2) == (UNSUPPORTED, 0, 0)
     message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    assert only_ack(rig.tell(message)).result == UNSUPPORTED
+    assert only_ack(rig.send(message)).result == UNSUPPORTED
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 2), (2, 0), (0, 154)])
@@ -74,11 +74,11 @@ def test_two_stations_with_one_system_id_get_separate_results(make_rig):
     rig.tick()
     command, retry = command_long(ARM, 1.0), command_long(ARM, 1.0, confirmation=1)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
-    assert only_ack(rig.tell(command, address="one")).result == REJECTED
+    assert only_ack(rig.send(command, address="one")).result == REJECTED
     rig.request_handler.answer = Answer(Verdict.ACCEPTED)
     # The first command of the second station is lost.
-    assert only_ack(rig.tell(retry, address="two")).result == ACCEPTED
-    assert only_ack(rig.tell(retry, address="one")).result == REJECTED
+    assert only_ack(rig.send(retry, address="two")).result == ACCEPTED
+    assert only_ack(rig.send(retry, address="one")).result == REJECTED
     assert rig.request_handler.intents == [Arm(True), Arm(True)]
 
 
@@ -177,15 +177,15 @@ def test_retry_of_a_relative_turn_is_acknowledged_again(make_rig, number, addres
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     rig.request_handler.answer = Answer(verdict)
-    rig.tell(turn(number), address="one")
+    rig.send(turn(number), address="one")
     rig.request_handler.answer = Answer(Verdict.ACCEPTED)
     for confirmation in (1, 2, 3):
         rig.now_s += 3.0
-        assert only_ack(rig.tell(turn(number, confirmation), address=address)).result == verdict
+        assert only_ack(rig.send(turn(number, confirmation), address=address)).result == verdict
     assert len(rig.request_handler.requests) == 1
-    rig.tell(turn(number, 4, angle_deg=20.0), address=address)  # another turn
+    rig.send(turn(number, 4, angle_deg=20.0), address=address)  # another turn
     rig.now_s += 30.0
-    rig.tell(turn(number, 1), address=address)  # a retry of a lost command
+    rig.send(turn(number, 1), address=address)  # a retry of a lost command
     assert len(rig.request_handler.requests) == 3
 
 
@@ -195,7 +195,7 @@ def test_turn_of_a_restarted_script_is_executed(make_rig):
     for number in range(3):
         rig.station.seq = 0
         rig.prove(("script", number))
-        assert only_ack(rig.tell(turn(115), address=("script", number))).result == ACCEPTED
+        assert only_ack(rig.send(turn(115), address=("script", number))).result == ACCEPTED
         rig.tick(seconds=3.0)
     assert len(rig.request_handler.requests) == 3
 
@@ -206,7 +206,7 @@ def test_retry_of_a_message_request_sends_the_message_again(rig, of):
 
 
 def test_set_mode_message_is_executed_and_acknowledged(rig):
-    ack = only_ack(rig.tell(mavlink.MAVLink_set_mode_message(1, 1, 15)))
+    ack = only_ack(rig.send(mavlink.MAVLink_set_mode_message(1, 1, 15)))
     assert (ack.command, ack.result) == (11, ACCEPTED)
     assert rig.request_handler.intents == [SetMode(15)]
-    assert rig.tell(mavlink.MAVLink_set_mode_message(2, 1, 15)) == []
+    assert rig.send(mavlink.MAVLink_set_mode_message(2, 1, 15)) == []

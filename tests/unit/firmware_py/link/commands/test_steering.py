@@ -42,10 +42,10 @@ def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
 
 
 def test_position_target_without_a_position_is_refused(rig, texts):
-    replies = texts(rig.tell(over_globe(POSITION_ONLY)))
+    replies = texts(rig.send(over_globe(POSITION_ONLY)))
     assert replies == ["SET_POSITION_TARGET_GLOBAL_INT: position 0, 0 is not accepted"]
     assert rig.request_handler.intents == []
-    rig.tell(over_globe(POSITION_ONLY, lat=1))
+    rig.send(over_globe(POSITION_ONLY, lat=1))
     assert len(rig.request_handler.intents) == 1
 
 
@@ -60,7 +60,7 @@ def test_heading_goal_is_the_yaw_of_the_attitude(rig, yaw_rad, roll_rad, pitch_r
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
-    assert rig.tell(attitude(q)) == []
+    assert rig.send(attitude(q)) == []
     (goal,) = rig.request_handler.intents
     assert 0.0 <= goal.heading_rad < 2 * math.pi
     assert math.remainder(goal.heading_rad - yaw_rad, 2 * math.pi) == about(0.0)
@@ -82,7 +82,7 @@ def test_heading_goal_is_the_yaw_of_the_attitude(rig, yaw_rad, roll_rad, pitch_r
     ],
 )
 def test_attitude_without_a_heading_is_refused(rig, texts, message):
-    (text,) = texts(rig.tell(message))
+    (text,) = texts(rig.send(message))
     assert text.startswith("SET_ATTITUDE_TARGET: ")
     assert rig.request_handler.intents == []
 
@@ -93,7 +93,7 @@ def test_attitude_without_a_heading_is_refused(rig, texts, message):
     + [attitude((0.9905, 0, 0, 0)), attitude((1.0095, 0, 0, 0))],
 )
 def test_attitude_nearly_upright_or_normalized_has_a_heading(rig, message):
-    assert rig.tell(message) == []
+    assert rig.send(message) == []
     assert rig.request_handler.intents == [SteerHeading(about(0.0))]
 
 
@@ -110,7 +110,7 @@ BY_VELOCITY, BY_YAW = SteerHeading(about(math.pi / 2), over_ground=True), SteerH
 @pytest.mark.parametrize("make", [local, over_globe])
 def test_each_bit_of_a_mask_ignores_its_field(rig, make, mask, goal):
     rig.tick()
-    rig.tell(make(mask, vy=1.0, yaw=1.5))
+    rig.send(make(mask, vy=1.0, yaw=1.5))
     assert rig.request_handler.intents == ([] if goal is None else [goal])
 
 
@@ -118,10 +118,10 @@ def test_each_bit_of_a_mask_ignores_its_field(rig, make, mask, goal):
 def test_frames_of_positions(rig, frame):
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
-    rig.tell(over_globe(POSITION_ONLY, frame=frame, lat=10**8, lon=10**8))
+    rig.send(over_globe(POSITION_ONLY, frame=frame, lat=10**8, lon=10**8))
     assert len(rig.request_handler.intents) == (frame in (0, 3, 5, 6, 10, 11))
     rig.request_handler.requests.clear()
-    rig.tell(local(POSITION_ONLY, frame=frame, x=1.0))
+    rig.send(local(POSITION_ONLY, frame=frame, x=1.0))
     assert len(rig.request_handler.intents) == (frame in (1, 7, 8, 9, 12))
 
 
@@ -140,7 +140,7 @@ def test_frames_of_positions(rig, frame):
 )
 def test_values_of_local_targets_have_limits(rig, fields, is_accepted):
     rig.tick(**FIX, home=Home(0.0, 0.0, 0.0))
-    rig.tell(local(**fields))
+    rig.send(local(**fields))
     assert len(rig.request_handler.intents) == is_accepted
 
 
@@ -159,7 +159,7 @@ def test_values_of_local_targets_have_limits(rig, fields, is_accepted):
     ],
 )
 def test_position_targets_follow_their_masks(rig, message, goal):
-    assert rig.tell(message) == []
+    assert rig.send(message) == []
     assert rig.request_handler.intents == [goal]
 
 
@@ -175,7 +175,7 @@ def test_position_targets_follow_their_masks(rig, message, goal):
 def test_local_positions_are_relative_to_home_or_to_the_boat(rig, frame, x, y, north_m, east_m):
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
-    rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
+    rig.send(local(POSITION_ONLY, frame=frame, x=x, y=y))
     (goal,) = rig.request_handler.intents
     assert (math.degrees(goal.latitude_rad) - 40.0) * METRES_PER_DEGREE == pytest.approx(north_m, abs=0.01)
     scale = METRES_PER_DEGREE * math.cos(math.radians(40))
@@ -190,14 +190,14 @@ def test_local_positions_need_a_position(rig, texts, frame):
         {"position": PositionSample(0.0, FixType.FIX_3D), "position_ok": True},
     ):
         rig.tick(seconds=100.0, **changes)
-        assert "for a relative goal" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
+        assert "for a relative goal" in texts(rig.send(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
     assert rig.request_handler.intents == []
 
 
 def test_body_frames_need_a_heading(rig, texts):
     for changes in ({"heading_ok": False}, {"heading_rad": None}):
         rig.tick(seconds=100.0, **changes)
-        assert len(texts(rig.tell(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
+        assert len(texts(rig.send(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
     assert rig.request_handler.intents == []
 
 
@@ -219,13 +219,13 @@ def test_body_frames_need_a_heading(rig, texts):
 )
 def test_invalid_targets_are_refused_and_reported(rig, texts, message):
     rig.tick(**FIX)
-    assert len(texts(rig.tell(message))) == 1
+    assert len(texts(rig.send(message))) == 1
     assert rig.request_handler.intents == []
 
 
 def test_repeated_refusals_are_reported_once(rig, texts):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
-    replies = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
+    replies = [message for _ in range(50) for message in rig.send(attitude((1, 0, 0, 0)))]
     assert texts(replies) == ["not in GUIDED"]
     assert len(rig.request_handler.intents) == 50
 
@@ -235,7 +235,7 @@ def test_relative_goals_are_compared_with_the_last_128_of_two_seconds(rig, other
     goal = rig.frame(local(VELOCITY_ONLY, frame=7, vx=1.0))
     rig.give(goal)
     for _ in range(others):
-        rig.tell(local(VELOCITY_ONLY, frame=7, vx=1.0))
+        rig.send(local(VELOCITY_ONLY, frame=7, vx=1.0))
     rig.now_s += wait_s
     rig.give(goal)
     assert len(rig.request_handler.intents) == count
@@ -243,7 +243,7 @@ def test_relative_goals_are_compared_with_the_last_128_of_two_seconds(rig, other
 
 def test_local_positions_are_refused_near_the_poles(rig, texts):
     rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
-    (text,) = texts(rig.tell(local(POSITION_ONLY, frame=7, x=1.0, y=1.0)))
+    (text,) = texts(rig.send(local(POSITION_ONLY, frame=7, x=1.0, y=1.0)))
     assert text.endswith("local position beyond a pole")
     assert rig.request_handler.intents == []
 
@@ -257,5 +257,5 @@ def test_relative_goal_that_several_links_repeat_is_executed_once(make_rig, fram
     rig.tick(heading_rad=2.0, **FIX)
     rig.give(goal, "two")
     assert len(rig.request_handler.intents) == count
-    rig.tell(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))  # the next one, with its own number
+    rig.send(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))  # the next one, with its own number
     assert len(rig.request_handler.intents) == count + 1

@@ -18,7 +18,7 @@ def float_item(x, y):
 
 @pytest.mark.parametrize("message", [int_item(401_000_000, -115_000_000), float_item(40.1, -11.5)])
 def test_guided_waypoint_is_a_position_goal(rig, message):
-    (reply,) = rig.tell(message)
+    (reply,) = rig.send(message)
     assert (reply.get_type(), reply.type) == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)
     (goal,) = rig.request_handler.intents
     assert goal == SteerPosition(pytest.approx(math.radians(40.1)), pytest.approx(math.radians(-11.5)))
@@ -36,13 +36,13 @@ def test_guided_waypoint_is_a_position_goal(rig, message):
     ],
 )
 def test_invalid_waypoint_is_refused(rig, message, result):
-    assert rig.tell(message)[0].type == result
+    assert rig.send(message)[0].type == result
     assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(("reason", "text"), [("not in GUIDED",) * 2, ("", "guided waypoint refused")])
 def test_refusal_of_the_loop_is_sent_with_its_reason(rig, texts, reason, text):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, reason)
-    replies = rig.tell(int_item(1, 1))
+    replies = rig.send(int_item(1, 1))
     assert replies[0].type == mavlink.MAV_MISSION_DENIED
     assert texts(replies) == [text]

@@ -104,7 +104,7 @@ def test_only_the_latest_of_repeated_commands_sends_progress(slow):
 
 
 def test_set_mode_message_is_acknowledged_after_storing(slow):
-    assert acks(slow.tell(mavlink.MAVLink_set_mode_message(1, 1, 15))) == []
+    assert acks(slow.send(mavlink.MAVLink_set_mode_message(1, 1, 15))) == []
     assert slow.request_handler.intents == [SetMode(15)]
     slow.request_handler.waiting.pop()(True)
     (ack,) = slow.replies()
@@ -114,7 +114,7 @@ def test_set_mode_message_is_acknowledged_after_storing(slow):
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_guided_waypoint_is_acknowledged_after_storing(slow, of, texts, is_stored):
     item = mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 2, 1, 0, 0, 0, 0, 10**7, 2 * 10**7, 0.0)
-    assert of(slow.tell(item), "MISSION_ACK") == []
+    assert of(slow.send(item), "MISSION_ACK") == []
     assert isinstance(slow.request_handler.intents[0], SteerPosition)
     slow.request_handler.waiting.pop()(is_stored)
     replies = [*slow.replies(), *slow.tick()]
@@ -125,7 +125,7 @@ def test_guided_waypoint_is_acknowledged_after_storing(slow, of, texts, is_store
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_new_current_item_is_reported_after_storing(slow, of, texts, is_stored):
     slow.ticks(2)
-    reports = slow.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    reports = slow.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     assert slow.request_handler.intents == [SetMissionItem(1)]
     assert of([*reports, *slow.tick()], "MISSION_CURRENT") == []
     slow.request_handler.waiting.pop()(is_stored)

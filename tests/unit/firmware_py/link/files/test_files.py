@@ -75,7 +75,7 @@ def test_size_of_more_than_239_bytes_is_refused(client):
 def test_requests_to_other_components_are_ignored(client):
     message = client.request(LIST, "/")
     message.target_component = 42
-    assert client.rig.tell(message) == []
+    assert client.rig.send(message) == []
 
 
 def test_the_root_shows_directories_and_files(client):
@@ -288,7 +288,7 @@ def test_reset_stores_a_recent_upload_and_discards_an_old_one(client, uploads, t
     client.ask(WRITE, b"content")
     client.ask(OPEN, LOG, session=1)
     client.rig.now_s += wait_s
-    replies = client.rig.tell(client.request(RESET))
+    replies = client.rig.send(client.request(RESET))
     assert [reply.error for reply in client.replies(replies) if not reply.ok] == ([] if is_stored else [(FAIL,)])
     assert texts(replies) == ([] if is_stored else ["Upload aborted: file unchanged"])
     assert (uploads / "a.plan").read_bytes() == (b"content" if is_stored else b"old")
@@ -301,7 +301,7 @@ def test_incomplete_upload_keeps_the_old_file_and_is_reported(client, uploads, t
     client.ask(WRITE, CONTENT[:200])
     client.ask(WRITE, CONTENT[300:400], offset=300)
     client.ask(WRITE, CONTENT[190:250], offset=190)
-    replies = client.rig.tell(client.request(TERMINATE))
+    replies = client.rig.send(client.request(TERMINATE))
     assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
     assert texts(replies) == ["uploads/a.plan: upload incomplete, send the file again"]
     assert (uploads / "a.plan").read_bytes() == b"old"
@@ -416,7 +416,7 @@ def test_simultaneous_bursts_are_all_completed(client):
     for number in range(3):
         client.ask(OPEN, LOG, session=number)
     requests = [client.request(BURST, size=20, session=number) for number in range(3)]
-    replies = client.rig.tell(*requests)
+    replies = client.rig.send(*requests)
     assert sum(bytes(message.payload)[6] for message in replies) == 3
     assert sum(bytes(message.payload)[4] for message in replies) == 3 * len(CONTENT)
 
@@ -489,9 +489,9 @@ def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, uplo
         sent.append(request)
         while True:
             if rng.random() < 0.3:
-                client.rig.tell(rng.choice(sent[-12:]))
+                client.rig.send(rng.choice(sent[-12:]))
             if rng.random() < 0.75:
-                replies = client.rig.tell(request)
+                replies = client.rig.send(request)
                 if rng.random() < 0.75:
                     return bytes(replies[0].payload)
             client.rig.now_s += 0.05

@@ -85,7 +85,7 @@ def test_request_that_finds_no_place_in_the_queue_is_executed_when_it_is_repeate
     assert client.ask(WRITE, b"content", session=1).ok
     assert busy.submit(31) == [True] * 31
     assert client.all(MKDIR, "uploads/d", sequence=70) == []
-    replies = busy.rig.tell(client.request(TERMINATE, session=1))
+    replies = busy.rig.send(client.request(TERMINATE, session=1))
     assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
     assert texts(replies) == ["Disk busy: send the file again"]
     assert client.replies(busy.finish()) == []

@@ -22,7 +22,7 @@ class PlanStation:
 
     def exchange(self, *messages, **options):
         """Send messages and return the replies of the mission protocol."""
-        return self.protocol(self.rig.tell(*messages, **options))
+        return self.protocol(self.rig.send(*messages, **options))
 
     @staticmethod
     def protocol(messages):
@@ -77,7 +77,7 @@ class PlanStation:
             assert item.get_type() == ("MISSION_ITEM_INT" if is_int else "MISSION_ITEM")
             assert (item.seq, item.mission_type) == (sequence, kind)
             assert (item.target_system, item.target_component) == (255, 190)
-        self.rig.tell(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
+        self.rig.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
         return items
 
     @staticmethod

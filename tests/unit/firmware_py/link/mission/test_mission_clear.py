@@ -21,7 +21,7 @@ def test_clear_removes_the_plans_of_its_type(station, texts, mission_type, remai
     station.upload(station.mission(1))
     station.upload([circle(station)], 1)
     station.upload([station.item(0, 5100, kind=2)], 2)
-    replies = station.rig.tell(clear_message(mission_type))
+    replies = station.rig.send(clear_message(mission_type))
     (ack,) = station.protocol(replies)
     assert (ack.type, ack.mission_type, ack.opaque_id) == (0, mission_type, 0)
     assert texts(replies) == [f"{name} cleared"]
@@ -58,7 +58,7 @@ def test_simultaneous_clears_of_two_stations_are_both_acknowledged(station, othe
 def test_clear_that_cannot_be_stored_is_reported(station, texts):
     station.upload(station.mission(1))
     station.handler.plans_stored = False
-    replies = station.rig.tell(clear_message(255))
+    replies = station.rig.send(clear_message(255))
     assert acks(replies) == [PlanResult.ERROR]
     assert texts(replies) == ["Mission, fence and rally points not cleared: the disk is full"]
     assert station.places() == [1]

@@ -86,7 +86,7 @@ def test_plan_of_a_download_is_unchanged_until_its_end(station, end):
     station.rig.now_s += 14.9
     assert station.read(2).x == station.item(2).x
     if end == "acknowledged":
-        station.rig.tell(mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
+        station.rig.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
     elif end == "silent":
         station.rig.now_s += 15.0
     else:
@@ -167,7 +167,7 @@ def test_reached_items_are_reported(make_station, identity):
 def test_set_current_continues_with_an_item(make_station, identity, sequence, index):
     station = make_station(identity=identity)
     station.rig.tick(mission=ACTIVE)
-    station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, sequence))
+    station.rig.send(mavlink.MAVLink_mission_set_current_message(1, 1, sequence))
     assert station.handler.intents == [SetMissionItem(index)]
     assert len(current_reports(station, mission=ACTIVE)) == 1  # also without a change
 
@@ -177,6 +177,6 @@ def test_set_current_continues_with_an_item(make_station, identity, sequence, in
 )
 def test_refused_set_current_is_reported(station, texts, reason, text):
     station.handler.answer = Answer(Verdict.DENIED, reason)
-    replies = station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
+    replies = station.rig.send(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
     assert texts(replies) == [text]
     assert len(current_reports(station)) == 1

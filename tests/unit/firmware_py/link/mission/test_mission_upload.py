@@ -106,7 +106,7 @@ def test_home_alone_is_an_empty_mission(station):
 def test_waypoint_as_item_0_is_reported_and_home_is_not(station, texts, item_0, count, text):
     station.count(1 + count)
     items = (station.item(0, **item_0), *station.mission(count)[1:])
-    replies = [message for item in items for message in station.rig.tell(item)]
+    replies = [message for item in items for message in station.rig.send(item)]
     assert acks(replies) == [0]
     assert texts(replies)[-1] == text
 
@@ -140,7 +140,7 @@ def test_invalid_item_ends_the_upload_and_keeps_the_old_plan(station, texts, fie
     station.upload(station.mission(2))
     station.count(3)
     station.exchange(*station.mission(1))
-    replies = station.rig.tell(station.item(2, **fields))
+    replies = station.rig.send(station.item(2, **fields))
     (ack,) = station.protocol(replies)
     assert (ack.type, ack.opaque_id) == (result, 0)
     (text,) = texts(replies)
@@ -479,7 +479,7 @@ def test_refused_plan_keeps_the_old_one_and_gives_the_reason(station, texts, cha
         setattr(station.handler, name, value)
     station.count(2)
     station.exchange(station.item(0))
-    replies = station.rig.tell(station.item(1, x=360_000_007))
+    replies = station.rig.send(station.item(1, x=360_000_007))
     assert acks(replies) == [PlanResult.ERROR]
     assert texts(replies) == [f"Mission rejected: {reason}"]
     assert station.places() == [1]

@@ -68,7 +68,7 @@ def test_refused_file_keeps_the_old_plan_and_gives_the_reason(ftp_station, stati
     items[2] = station.item(2, command=9999)
     client.ask(CREATE, MISSION)
     client.ask(WRITE, encode(items))
-    replies = station.rig.tell(client.request(TERMINATE))
+    replies = station.rig.send(client.request(TERMINATE))
     assert any(text.startswith("@MISSION/mission.dat: item 2: ") for text in texts(replies))
     assert station.handler.plans() == plans
 
@@ -150,7 +150,7 @@ def test_new_plan_is_reported_to_all_stations(ftp_station, station, texts):
     client = ftp_station(station.rig)
     client.ask(CREATE, MISSION)
     client.ask(WRITE, encode(station.mission(3)))
-    assert texts(station.rig.tell(client.request(TERMINATE))) == ["New mission: items 1 to 3"]
+    assert texts(station.rig.send(client.request(TERMINATE))) == ["New mission: items 1 to 3"]
 
 
 @pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
@@ -159,7 +159,7 @@ def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, sta
     station.handler.answer = Answer(Verdict.DENIED, reason)
     client.ask(CREATE, MISSION)
     client.ask(WRITE, encode(station.mission(3)))
-    replies = station.rig.tell(client.request(TERMINATE))
+    replies = station.rig.send(client.request(TERMINATE))
     assert [text for text in texts(replies) if text.startswith("@MISSION")] == [f"@MISSION/mission.dat: {text}"]
 
 

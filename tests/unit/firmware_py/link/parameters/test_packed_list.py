@@ -110,7 +110,7 @@ def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0}))
-    replies = rig.tell(client.request(1))
+    replies = rig.send(client.request(1))
     assert [reply.payload[3] for reply in of(replies, "FILE_TRANSFER_PROTOCOL")] == [128]
     values = {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")}
     assert values == {"CTL_K1": 41.5, "CTL_K2": 1.0}
@@ -123,7 +123,7 @@ def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_stati
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, encode({"CTL_K1": 41.5}))
     rig.request_handler.answer = Answer(Verdict.DENIED, reason)
-    replies = rig.tell(client.request(1))
+    replies = rig.send(client.request(1))
     assert texts(replies) == [f"@PARAM/param.pck: {text}"]
     assert of(replies, "PARAM_VALUE") == []
 
@@ -140,7 +140,7 @@ def test_upload_is_reported_after_storing(rig, ftp_station, texts, is_stored, te
     rig.request_handler.at_once = False
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, encode({"CTL_K1": 41.0, "CTL_K2": 7.0, "LOG_KEEP_MB": 100.0, "LNK_SYSID": 7.0}))
-    assert rig.tell(client.request(1)) == []
+    assert rig.send(client.request(1)) == []
     rig.request_handler.waiting.pop()(is_stored)
     assert texts(rig.replies())[0] == text
 
@@ -156,7 +156,7 @@ def test_upload_with_one_invalid_value_sets_nothing(rig, ftp_station, texts):
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
-    replies = rig.tell(client.request(1))
+    replies = rig.send(client.request(1))
     assert "CTL_K2" in texts(replies)[0]
     assert rig.request_handler.values == ParameterSet()
     assert rig.request_handler.requests == []

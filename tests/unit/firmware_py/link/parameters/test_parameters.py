@@ -65,7 +65,7 @@ def slow_rig(make_rig):
     ],
 )
 def test_list_has_all_parameters(rig, of, request_message, reply):
-    values = of(rig.tell(request_message) + rig.ticks(3), reply)
+    values = of(rig.send(request_message) + rig.ticks(3), reply)
     assert [value.param_id for value in values] == [row.name for row in TABLE]
     assert [value.param_index for value in values] == list(range(len(TABLE)))
     assert {value.param_count for value in values} == {len(TABLE)}
@@ -76,18 +76,18 @@ def test_list_has_all_parameters(rig, of, request_message, reply):
 
 def test_generic_autopilot_has_only_floats(make_rig, of):
     rig = make_rig(identity=0)
-    values = of(without_unrequested(rig.tell(LIST) + rig.ticks(3)), "PARAM_VALUE")
+    values = of(without_unrequested(rig.send(LIST) + rig.ticks(3)), "PARAM_VALUE")
     assert [value.param_value for value in values] == list(rig.request_handler.values.values())
     assert {value.param_type for value in values} == {9}
     for kind in (6, 9):
-        (value,) = of(rig.tell(set_message(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
+        (value,) = of(rig.send(set_message(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
         assert (value.param_value, value.param_type) == (10.0 + kind, 9)
 
 
 @pytest.mark.parametrize("read", [read_message, read_extended])
 def test_parameter_is_read_by_name_and_by_index(rig, read):
     for message in (read(b"CTL_K1"), read(b"", K1)):
-        (value,) = rig.tell(message)
+        (value,) = rig.send(message)
         number = extended_number(value) if read is read_extended else value.param_value
         assert (value.param_id, number, value.param_index) == ("CTL_K1", 40.0, K1)
 
@@ -97,7 +97,7 @@ def test_parameter_is_read_by_name_and_by_index(rig, read):
     ("name", "index"), [(b"NOPE", -1), (b"", -1), (b"", 999), (b"", len(TABLE)), (b"CTL_K1", -2), (b"\xff" * 16, -1)]
 )
 def test_read_of_an_unknown_parameter_is_refused(rig, read, name, index):
-    (error,) = rig.tell(read(name, index))
+    (error,) = rig.send(read(name, index))
     assert (error.get_type(), error.error, error.param_index) == ("PARAM_ERROR", UNKNOWN, index)
 
 
@@ -105,7 +105,7 @@ def test_read_of_an_unknown_parameter_is_refused(rig, read, name, index):
 def test_name_of_sixteen_characters_needs_no_end(rig, monkeypatch, end):
     name = "A_NAME_OF_SIXTEEN"[:16]
     monkeypatch.setitem(INDEX, name, 3)
-    (value,) = rig.tell(read_message((name.encode() + end)[:16]))
+    (value,) = rig.send(read_message((name.encode() + end)[:16]))
     assert value.param_index == 3
 
 
@@ -139,7 +139,7 @@ def test_change_by_satellite_is_sent_to_its_station_only(make_rig, of):
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_change_is_confirmed_after_storing(rig, of, texts, is_stored):
     rig.request_handler.at_once = False
-    assert rig.tell(set_message(b"CTL_K1", 41.5)) == []
+    assert rig.send(set_message(b"CTL_K1", 41.5)) == []
     rig.request_handler.waiting.pop()(is_stored)
     replies = rig.replies()
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [41.5] * is_stored
@@ -152,7 +152,7 @@ def test_change_is_confirmed_after_storing(rig, of, texts, is_stored):
 @pytest.mark.parametrize(("is_stored", "result"), [(True, ACCEPTED), (False, FAILED)])
 def test_extended_change_is_acknowledged_after_storing(rig, of, value, kind, is_stored, result):
     rig.request_handler.at_once = False
-    assert rig.tell(set_extended(b"CTL_K1", value, kind)) == []
+    assert rig.send(set_extended(b"CTL_K1", value, kind)) == []
     rig.request_handler.waiting.pop()(is_stored)
     replies = rig.replies()
     (ack,) = of(replies, "PARAM_EXT_ACK")
@@ -164,7 +164,7 @@ def test_extended_change_is_acknowledged_after_storing(rig, of, value, kind, is_
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3.4e38, -1.0, 200.5])
 def test_invalid_value_is_refused_with_the_present_value_and_the_reason(rig, texts, of, value):
-    replies = rig.tell(set_message(b"CTL_K1", value))
+    replies = rig.send(set_message(b"CTL_K1", value))
     (error,) = of(replies, "PARAM_ERROR")
     assert (error.error, error.param_id, error.target_system) == (OUT_OF_RANGE, "CTL_K1", 255)
     # pymavlink takes the first reply for an acknowledgement and the second one for the present value.
@@ -187,7 +187,7 @@ def test_invalid_value_is_refused_with_the_present_value_and_the_reason(rig, tex
 )
 def test_invalid_extended_value_is_refused_with_the_present_value(rig, of, name, value, kind, result):
     values = rig.request_handler.values
-    (ack,) = of(rig.tell(set_extended(name, value, kind)), "PARAM_EXT_ACK")
+    (ack,) = of(rig.send(set_extended(name, value, kind)), "PARAM_EXT_ACK")
     assert (ack.param_id, ack.param_result) == (name.decode(), result)
     if name != b"NOPE":
         assert extended_number(ack) == values[name.decode()]
@@ -196,25 +196,25 @@ def test_invalid_extended_value_is_refused_with_the_present_value(rig, of, name,
 
 def test_integer_with_float_bytes_is_refused(rig, of):
     assert TABLE[INDEX["LOOP_RATE_HZ"]].kind is Kind.INTEGER
-    assert of(rig.tell(set_message(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
+    assert of(rig.send(set_message(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
     assert rig.request_handler.values["LOOP_RATE_HZ"] == 10
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7)])
 def test_change_for_another_system_or_component_is_ignored(rig, target):
-    assert rig.tell(set_message(b"CTL_K1", 41.5, target=target)) == []
+    assert rig.send(set_message(b"CTL_K1", 41.5, target=target)) == []
     assert rig.request_handler.requests == []
 
 
 def test_unknown_name_is_refused(rig):
-    (error,) = rig.tell(set_message(b"NOPE", 1.0))
+    (error,) = rig.send(set_message(b"NOPE", 1.0))
     assert (error.error, error.param_id) == (UNKNOWN, "NOPE")
     assert rig.request_handler.requests == []
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_read_only_parameter_is_refused(rig, of, texts, value):
-    replies = rig.tell(set_message(b"STAT_BOOTCNT", value, kind=6))
+    replies = rig.send(set_message(b"STAT_BOOTCNT", value, kind=6))
     (error,) = of(replies, "PARAM_ERROR")
     assert (error.error, error.param_id) == (mavlink.MAV_PARAM_ERROR_READ_ONLY, "STAT_BOOTCNT")
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [0.0, 0.0]
@@ -224,7 +224,7 @@ def test_read_only_parameter_is_refused(rig, of, texts, value):
 
 def test_unchanged_value_is_confirmed_without_a_request(rig, of):
     rig.request_handler.at_once = False
-    assert rig.tell(set_message(b"CTL_K1", 40.0)) == []
+    assert rig.send(set_message(b"CTL_K1", 40.0)) == []
     rig.request_handler.waiting.pop()(True)  # an earlier change to this value may not be stored yet
     (value,) = of(rig.replies(), "PARAM_VALUE")
     assert (value.param_id, value.param_value) == ("CTL_K1", 40.0)
@@ -234,17 +234,17 @@ def test_unchanged_value_is_confirmed_without_a_request(rig, of):
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_fence_enable_is_requested_even_if_unchanged(rig, of, value):
     """A command may have overridden the parameter."""
-    rig.tell(set_message(b"FENCE_ENABLE", value, kind=6))
-    (report,) = of(rig.tell(set_message(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
+    rig.send(set_message(b"FENCE_ENABLE", value, kind=6))
+    (report,) = of(rig.send(set_message(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
     assert report.param_value == value
     assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", value)] * 2
 
 
 def test_parameter_that_needs_a_restart_is_reported(rig, of, texts):
-    replies = rig.tell(set_message(b"LNK_SYSID", 7.0, kind=6))
+    replies = rig.send(set_message(b"LNK_SYSID", 7.0, kind=6))
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [7.0]
     assert texts(replies) == ["LNK_SYSID: takes effect at the next start"]
-    assert texts(rig.tell(set_message(b"LNK_SYSID", 7.0, kind=6))) == []
+    assert texts(rig.send(set_message(b"LNK_SYSID", 7.0, kind=6))) == []
 
 
 # ---------------------------------------------------------------------- limits
@@ -253,14 +253,14 @@ def test_parameter_that_needs_a_restart_is_reported(rig, of, texts):
 def test_number_of_unstored_changes_of_a_peer_is_limited_to_32(rig):
     rig.request_handler.at_once = False
     for number in range(100):
-        rig.tell(set_message(b"CTL_K1", 100.0 + number))
-        rig.tell(set_extended(b"CTL_K1", struct.pack("<f", number)))
+        rig.send(set_message(b"CTL_K1", 100.0 + number))
+        rig.send(set_extended(b"CTL_K1", struct.pack("<f", number)))
     assert len(rig.request_handler.waiting) == 32
     pending, rig.request_handler.waiting = rig.request_handler.waiting, []
     for finish_storing in pending:
         finish_storing(True)
     rig.replies()
-    rig.tell(set_message(b"CTL_K1", 7.0))
+    rig.send(set_message(b"CTL_K1", 7.0))
     assert rig.request_handler.values["CTL_K1"] == 7.0
 
 
@@ -268,9 +268,9 @@ def test_unstored_changes_of_one_station_do_not_block_another(make_rig):
     rig = make_rig(addresses=("flooding", "normal"))
     rig.request_handler.at_once = False
     for number in range(200):
-        rig.tell(set_message(b"LOIT_RADIUS", 50.0 + number), address="flooding")
+        rig.send(set_message(b"LOIT_RADIUS", 50.0 + number), address="flooding")
     pending_count = len(rig.request_handler.waiting)
-    rig.tell(set_message(b"RUD_LIMIT_DEG", 20.0), address="normal")
+    rig.send(set_message(b"RUD_LIMIT_DEG", 20.0), address="normal")
     assert len(rig.request_handler.waiting) == pending_count + 1
     assert rig.request_handler.values["RUD_LIMIT_DEG"] == 20.0
 
@@ -282,11 +282,11 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig, ftp
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, struct.pack("<HHH", 0x671B, 0, 6))
-    rig.tell(client.request(1))
+    rig.send(client.request(1))
     assert len(rig.request_handler.waiting) == 1  # a file without a change
     for number in range(32):
         for address in addresses:
-            rig.tell(set_message(b"LOIT_RADIUS", 50.0 + number), address=address)
+            rig.send(set_message(b"LOIT_RADIUS", 50.0 + number), address=address)
     assert len(rig.request_handler.waiting) == 128
 
 
@@ -320,7 +320,7 @@ def test_change_of_an_unproven_peer_is_sent_to_it_and_to_the_others(make_rig, of
     rig = make_rig()
     rig.tick()
     rig.request_handler.at_once = False
-    assert rig.tell(set_message(name, 7.0, kind), address="new") != []  # a heartbeat
+    assert rig.send(set_message(name, 7.0, kind), address="new") != []  # a heartbeat
     rig.request_handler.waiting.pop()(True)
     sent = list(rig.transport.sent)
     for address in ("station", "new"):
@@ -331,7 +331,7 @@ def test_change_of_an_unproven_peer_is_sent_to_it_and_to_the_others(make_rig, of
 @pytest.mark.parametrize(("byte_rate", "is_complete"), [(960.0, True), (120.0, False)])
 def test_list_on_a_slow_link_does_not_delay_heartbeats(slow_rig, of, byte_rate, is_complete):
     rig = slow_rig(byte_rate)
-    assert len(of(rig.tell(LIST), "PARAM_VALUE")) < len(TABLE)
+    assert len(of(rig.send(LIST), "PARAM_VALUE")) < len(TABLE)
     replies = without_unrequested(rig.ticks(100))
     assert (of(replies, "PARAM_VALUE")[-1].param_index == len(TABLE) - 1) == is_complete
     assert len(of(replies, "HEARTBEAT")) == pytest.approx(10, abs=1)
@@ -339,7 +339,7 @@ def test_list_on_a_slow_link_does_not_delay_heartbeats(slow_rig, of, byte_rate, 
 
 def test_extended_list_on_a_slow_link_does_not_delay_telemetry(slow_rig, of):
     rig = slow_rig(1200.0)
-    rig.tell(LIST_EXTENDED)
+    rig.send(LIST_EXTENDED)
     replies = without_unrequested(rig.ticks(50))
     assert len(of(replies, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
     assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
@@ -355,7 +355,7 @@ def test_slow_link_sends_the_latest_value_of_every_change(slow_rig, of):
     replies = []
     for fraction in (0.25, 0.5, 0.75):
         for row in reals:
-            replies += rig.tell(set_message(row.name.encode(), row.minimum + fraction * (row.maximum - row.minimum)))
+            replies += rig.send(set_message(row.name.encode(), row.minimum + fraction * (row.maximum - row.minimum)))
     replies += rig.ticks(100)
     reports = {value.param_id: value.param_value for value in of(without_unrequested(replies), "PARAM_VALUE")}
     assert reports == {row.name: rig.request_handler.values[row.name] for row in reals}

@@ -59,7 +59,7 @@ def test_requests_are_answered(satellite, of, texts):
     replies = satellite.command(115, math.nan)
     assert results(replies) == [2]
     assert len(texts(replies)) == 1
-    assert of(satellite.tell(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)), "PARAM_VALUE")
+    assert of(satellite.send(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)), "PARAM_VALUE")
 
 
 def test_messages_to_all_peers_are_not_sent_by_satellite(satellite):
@@ -72,7 +72,7 @@ def test_messages_to_all_peers_are_not_sent_by_satellite(satellite):
 
 def test_high_rates_are_rejected_and_long_intervals_accepted(satellite):
     satellite.tick()
-    satellite.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    satellite.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     assert results(satellite.command(511, 245, 1e6)) == [2]
     assert satellite.ticks(600) == []
     assert results(satellite.command(511, 33, 60e6)) == [0]

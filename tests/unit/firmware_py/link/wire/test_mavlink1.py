@@ -101,9 +101,9 @@ def test_mission_is_uploaded_and_downloaded_in_mavlink1(station):
 def test_station_that_changes_to_mavlink2_early_receives_mavlink2(rig, station):
     station.run(5)
     for _ in range(30):
-        rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+        rig.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
         rig.tick(seconds=1.0)
-    rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1))
+    rig.send(mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1))
     assert station.run(5) == []
 
 
@@ -116,7 +116,7 @@ def test_some_heartbeats_offer_mavlink2_and_one_frame_in_it_is_sufficient(rig, s
             rig.tick_silently()
         offers += sum(data.count(b"\xfd\x09\x00\x00") for _, data in rig.transport.sent)
     assert offers >= 1
-    rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    rig.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     rig.tick_silently()
     assert {data[0] for _, data in rig.transport.sent} == {0xFD}
 

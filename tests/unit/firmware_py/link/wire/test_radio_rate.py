@@ -45,7 +45,7 @@ class Modem:
         return self.transmitted_bytes - transmitted_before
 
     def report(self, free_percent):
-        self.rig.tell(radio_status(free_percent))
+        self.rig.send(radio_status(free_percent))
         self.rig.transport.sent.clear()
 
 
@@ -76,7 +76,7 @@ def test_heartbeats_and_replies_are_sent_despite_a_full_buffer(make_modem):
     replies = []
     for second in range(60):
         for _ in range(3):
-            rig.tell(radio_status(0))
+            rig.send(radio_status(0))
         if second == 30:
             replies += rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         replies += rig.ticks(10)
