@@ -1,5 +1,5 @@
 from firmware_py.common import intents
-from support.numbers import assert_mavlink_numbers, assert_missing_values_are_empty
+from support.stored_numbers import assert_mavlink_numbers, assert_missing_values_are_empty
 
 
 def test_verdicts_are_the_results_of_mavlink():

@@ -11,7 +11,7 @@ from firmware_py.common.mode_table import (
     StandardMode,
     failsafe_ladder,
 )
-from support.numbers import assert_mavlink_numbers, assert_stored_numbers
+from support.stored_numbers import assert_mavlink_numbers, assert_stored_numbers
 
 
 def test_modes_have_the_numbers_of_ardupilot_and_mavlink():

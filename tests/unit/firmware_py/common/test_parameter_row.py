@@ -18,7 +18,7 @@ from firmware_py.common.parameter_row import (
     to_single,
 )
 from firmware_py.common.parameter_table import TABLE
-from support.numbers import assert_mavlink_numbers
+from support.stored_numbers import assert_mavlink_numbers
 
 
 def rows():

@@ -21,7 +21,7 @@ from firmware_py.common.plan import (
     place_of,
     to_text,
 )
-from support.numbers import assert_mavlink_numbers
+from support.stored_numbers import assert_mavlink_numbers
 
 singles = st.floats(width=32)
 ints = st.integers(-(2**31), 2**31 - 1)

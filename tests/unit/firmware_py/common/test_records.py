@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common import records
-from support.numbers import assert_mavlink_numbers, assert_missing_values_are_empty, assert_stored_numbers
+from support.stored_numbers import assert_mavlink_numbers, assert_missing_values_are_empty, assert_stored_numbers
 
 
 def test_numbers_are_those_of_mavlink():

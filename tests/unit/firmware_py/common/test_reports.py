@@ -1,6 +1,6 @@
 from firmware_py.common import reports
 from firmware_py.common.reports import Activity, MissionState
-from support.numbers import assert_mavlink_numbers, assert_missing_values_are_empty, assert_stored_numbers
+from support.stored_numbers import assert_mavlink_numbers, assert_missing_values_are_empty, assert_stored_numbers
 
 
 def test_mission_state_is_that_of_mavlink_and_activities_keep_their_numbers():

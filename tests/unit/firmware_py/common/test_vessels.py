@@ -12,7 +12,7 @@ from firmware_py.common.vessels import (
     is_distress_number,
     merge,
 )
-from support.numbers import assert_missing_values_are_empty, assert_stored_numbers
+from support.stored_numbers import assert_missing_values_are_empty, assert_stored_numbers
 
 ANNA = VesselIdentity(1.0, 7, "ANNA", "DA1", 70, (1, 2, 3, 4))
 NEAR = Vessel(VesselPosition(160.0, 7, VesselKind.CLASS_A, 0.1, 0.2, status=0), beside_s=100.0)
