@@ -40,7 +40,7 @@ BARE_START = (sys.executable, "-c", "pass")
 
 REAL_TIME = "x real time"
 MIN_SPEED, MIN_SPEED_WITH_STATION = 150.0, 100.0
-GOALS = (Goal(0.0, 0.0), Goal(60.0, math.radians(60.0)))
+GOALS = (Goal(0.0, 0.0), Goal(60.0, 60.0))
 
 
 def load(setting: Setting) -> Finding:
