@@ -1,8 +1,9 @@
 """Register the numeric core of the firmware with numba, so that compiled code of the laboratory can call it.
 
 The control law, the estimators, the monitors and the K-T equation exist once, in firmware_py, as functions of floats
-and NamedTuples without None and without I/O. This module registers them with numba, and no other module of `hil`
-imports them (import contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
+and NamedTuples without None and without I/O. This module registers them with numba. No other module of `hil` except
+estimate/tick.py imports control, estimators and monitors (import contract `seam`). A kernel calls a function of the
+core, and numba compiles it with the kernel:
 
     from hil.lab.compiled import compiled
     from hil.lab.numeric_core import law

@@ -27,7 +27,7 @@ class DrawError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """A draw: the values of a choice, or the parameters of a distribution."""
+    """A draw: the values of a choice, or the parameters of a distribution; `kind`: CHOICE, or key of DISTRIBUTIONS."""
 
     kind: str
     values: tuple[Value, ...]

@@ -89,10 +89,12 @@ def _differences(row: Row, truth: Truth) -> list[str]:
 
 def _version_text(directory: Path) -> str:
     """Return a text that names the versions that differ between this program and the campaign."""
-    identity = store.read_identity(directory).get("versions", {})
+    campaign_versions = store.read_identity(directory).get("versions", {})
     own_versions = versions()
     differing = sorted(
-        name for name in own_versions.keys() | identity.keys() if own_versions.get(name) != identity.get(name)
+        name
+        for name in own_versions.keys() | campaign_versions.keys()
+        if own_versions.get(name) != campaign_versions.get(name)
     )
     program = store.read_identity(directory).get("program", "an unknown program")
     return f"; the campaign was run by {program} with other versions ({', '.join(differing)})" if differing else ""

@@ -145,7 +145,7 @@ class Outcome:
     """Outcome of a run; `digest` is the digest of truth.csv or, with the compiled engine, of heading and rudder.
 
     `faults`: warnings of the autopilot, None for an engine without warnings. `scores`: None if the run ended early or
-    no goal was steady.
+    no goal was steady. `ended`: FINISHED, or the error that ended the run early.
     """
 
     digest: str

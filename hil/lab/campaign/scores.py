@@ -53,7 +53,10 @@ def scores_of(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats) -> Scor
 
 @compiled
 def _compute_scores(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results: Floats) -> bool:
-    """Compute the scores in radians and rows into `results`; return whether a goal lasts at least two rows."""
+    """Compute the scores in radians and rows into `results`, RMS as a mean square; return whether a goal is steady.
+
+    A steady goal lasts at least two rows.
+    """
     steady_rows, travel_rows, first = 0, 0, 0
     while first < goal_rad.size:
         last = first + 1

@@ -34,7 +34,7 @@ FORMER_ENGINES = {"twin": COMPILED}
 SHIP_FACTORS = ("K", "T", "alpha", "speed")
 FACTOR_RANGE = (0.1, 10.0)
 NO_FAULT = "none"
-FAULT_TIME_DEFAULTS_S = {"at_s": None, "for_s": 30.0}
+FAULT_TIME_DEFAULTS_S = {"at_s": None, "for_s": 30.0}  # None: required
 KEYS = (
     "engine", "runs", "seed", "seconds", "goals", "scenarios", "compass", "servo", "vehicle", "ship", "with", "set",
     "fault", "fail",
@@ -45,8 +45,8 @@ KEYS = (
 class Spec:
     """Specification of a campaign; `draws` contains the draw of each value by a name such as "with.leeway.body_deg".
 
-    `options`: the `--with` options of every run. `digest`: of the content without comments. `text`: the whole file.
-    `notes`: messages to the operator.
+    `options`: the `--with` options of every run. `limits`: largest magnitude of each score of a run that passes.
+    `digest`: of the content without comments. `text`: the whole file. `notes`: messages to the operator.
     """
 
     engine: str

@@ -227,7 +227,10 @@ OUTCOME_COLUMNS = ("faults", "ended", "failed", "digest")
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """Columns of all runs of a campaign, sorted by run; missing scores are NaN, `failed` contains reasons or ""."""
+    """Columns of all runs of a campaign, sorted by run; missing scores are NaN.
+
+    `faults`: warnings of the autopilot, None for an engine without warnings. `failed`: the reason, or "".
+    """
 
     directory: Path
     spec: str

@@ -23,7 +23,7 @@ from hil.ship.waves import DAMPING
 from hil.sim.truth import Array
 
 STEP_S = 0.1
-COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0
+COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0  # [rad^2]: noise of 0.3 deg, resolution of 0.1 deg
 VELOCITY_NOISE_M_S = 0.03
 MIN_INTENSITY = 1e-14  # makes the equations solvable without waves or drift
 TRAVEL_WEIGHTS = tuple(10.0 ** (0.1 * n) for n in range(-40, 41))  # of (rudder rate)^2 relative to error^2 [s^2]
@@ -43,7 +43,10 @@ def is_exact_for(scenario: Scenario) -> bool:
 
 
 def limits(scenario: Scenario, model: KtModel, *, receiver: bool) -> list[Limit]:
-    """Return the optimal trade-off between error and rudder travel, from large to small travel."""
+    """Return the optimal trade-off between error and rudder travel, from large to small travel.
+
+    `receiver`: the autopilot also measures the velocity.
+    """
     transition, rudder_input, noise = _plant(scenario, model)
     measured, variances = _sensors(scenario, receiver=receiver)
     prior = solve_discrete_are(transition.T, measured.T, noise, variances)
@@ -92,7 +95,7 @@ def _plant(scenario: Scenario, model: KtModel) -> tuple[Array, Array, Array]:
     """Return transition, rudder input and noise of one step for the states heading, rate, drift, wave and wave rate."""
     ship = model.at_speed(scenario.speed_m_s)
     ability, lag = ship.turning_ability_1_s, ship.turning_lag_s
-    period_s = scenario.wave_period_s or 5.0
+    period_s = scenario.wave_period_s or 5.0  # any period for a scenario without waves
     omega = 2.0 * math.pi / period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
     f, q = np.zeros((6, 6)), np.zeros((6, 6))
     f[0, 1], f[1, 1], f[1, 2], f[1, 5] = 1.0, -1.0 / lag, -ability / lag, ability / lag

@@ -23,7 +23,7 @@ from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Array, Truth
 
 STEP_S = 0.1
-LIMIT_RAD = radians(30.0)
+LIMIT_RAD = radians(30.0)  # of the rudder
 
 
 class Pid(NamedTuple):

@@ -28,7 +28,7 @@ class Score:
     """Score of a run, or mean over several runs: heading errors and rudder travel in the steady parts.
 
     `overshoot_deg` and `near_s`, the time until the heading is first within 5 deg of the goal, are those of the first
-    turn.
+    turn; both are 0 without a turn, and `near_s` is inf if that heading is never reached.
     """
 
     rms_deg: float

@@ -36,7 +36,7 @@ from hil.sim.process import END_TIMEOUT_S, AutopilotProcess
 from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
-SET_MODE = 176
+SET_MODE = 176  # MAV_CMD_DO_SET_MODE
 # section of the vehicle file -> driver and baud rate; only sections of fitted devices are written
 SECTIONS = {
     "compass": ("nmea", 38400),
@@ -219,7 +219,7 @@ class DrillBoat:
         return next((t_s for t_s, _, sent in self.station.texts if t_s >= since_s and sent.startswith(text)), None)
 
     def await_report(self, text: str, within_s: float, since_s: float) -> float | None:
-        """Run until a message that starts with `text` is sent; return its time, or None if it is not sent in time."""
+        """Run until a message since `since_s` starts with `text`; return its time, or None after `within_s`."""
         while (at_s := self.report_time(text, since_s)) is None and self.now_s < since_s + within_s:
             self.run(0.1)
         return at_s

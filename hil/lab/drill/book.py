@@ -44,9 +44,10 @@ from hil.lab.drill.injection import (
 from hil.ship.scenarios import Scenario, with_disturbances
 from hil.sim.ground_station import GUIDED
 
-LOITER, AUTO = 5, 10
+LOITER, AUTO = 5, 10  # mode numbers of ArduPilot Rover
 YEAR_S = 365.0 * 86400.0
 AUTO_RESUME = {"FS_RESUME": 1.0}
+ELECTRICAL_SHOCK = 0x10  # bit of the Dynamixel's hardware error status
 BATTERY_LIMITS = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
 
 
@@ -55,15 +56,18 @@ class Drill:
     """A fault and the expected response.
 
     Attributes:
-        text, recovery: beginnings of the messages when the fault starts and when it ends.
+        text, recovery: beginnings of the messages when the fault starts and when it ends; empty: none is expected.
         inject, remove: functions that cause the fault and that end it.
         report_s: maximum time from the injection to `text`.
         clear_s: maximum time from the removal to `recovery`; 0 if the condition does not end within the drill.
         active_s: duration of the fault.
         check, check_after: checks during the fault and after its end (default: same behaviour as before the fault).
-        also: other messages that the fault explains.
+        also: beginnings of other messages that the fault explains; an empty text explains every message.
         moment: the only situation of this drill; empty for all situations.
         can_pair: whether the drill can be combined with another one.
+        mode, settings, fitted: mode, parameters and additional devices of the boat from the start.
+        plan: writes a plan into a directory and returns its path, for a boat that has a plan.
+        sea: returns the changed scenario.
     """
 
     name: str
@@ -150,7 +154,8 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "servo's hardware error", "Rudder servo reports an error", "Rudder servo error cleared",
-        lambda boat: boat.servo.inject_error(0x10), do_nothing, 1.5, 9.0, 0.5, also=("Rudder",), can_pair=True,
+        lambda boat: boat.servo.inject_error(ELECTRICAL_SHOCK), do_nothing, 1.5, 9.0, 0.5,
+        also=("Rudder",), can_pair=True,
     ),
     Drill(
         "rudder jammed", "Rudder jammed", "Rudder no longer jammed", lambda boat: boat.world.jam(radians(-20.0)),

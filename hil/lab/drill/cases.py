@@ -72,7 +72,7 @@ def prevents_steering(drill: Drill, drills: Sequence[Drill]) -> bool:
 
 WARNING = 4  # MAV_SEVERITY_WARNING; messages of this or a higher severity need a cause
 SEA = "tank"
-SITUATION_S = 40.0
+SITUATION_S = 40.0  # from the start of the run to the situation, with a steady course
 PAIR_INTERVAL_S = 2.0  # between the injections of a pair
 FINAL_S = 5.0  # after the last recovery, for delayed messages
 

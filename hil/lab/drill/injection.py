@@ -99,18 +99,20 @@ def in_sequence(seconds: float, *changes: Change) -> Change:
 def write_loiter_plan(directory: Path) -> Path:
     """Write a mission that loiters at the start without end."""
     path = directory / "wait.waypoints"
+    # The fourth column is the command: 16 is NAV_WAYPOINT (item 0: home), 17 NAV_LOITER_UNLIM.
     path.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n1\t0\t3\t17\t0\t0\t0\t0\t36\t121\t0\t1\n")
     return path
 
 
 def mission_clear_all() -> Any:
     """Return the message that clears a mission."""
-    return dialect.MAVLink_mission_clear_all_message(1, 1, 0)
+    return dialect.MAVLink_mission_clear_all_message(1, 1, dialect.MAV_MISSION_TYPE_MISSION)
 
 
 def write_legs_plan(directory: Path) -> Path:
     """Write a mission with a short leg to the north and a long one to the east."""
     path = directory / "legs.waypoints"
+    # Command 16 is NAV_WAYPOINT; item 0 is home.
     path.write_text(
         "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n"
         "1\t0\t3\t16\t0\t0\t0\t0\t36.0005\t121\t0\t1\n2\t0\t3\t16\t0\t0\t0\t0\t36.0005\t121.01\t0\t1\n"

@@ -52,8 +52,8 @@ MAX_FREQUENCY: Final = 0.48  # relative to the sampling frequency
 WAVE_BAND: Final = (0.6, 1.6)  # relative to the peak frequency
 SEGMENT_S: Final = 256.0
 SMOOTHED_LINES: Final = 5
-MIN_WAVE_RAD: Final = math.radians(0.15)
-GAP_INTERVALS: Final = 3.0
+MIN_WAVE_RAD: Final = math.radians(0.15)  # with less wave yaw the compass itself is the reference
+GAP_INTERVALS: Final = 3.0  # a gap is longer than this number of median intervals
 LOW_PASSES_S: Final = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
 
 Rows = NDArray[np.bool_]

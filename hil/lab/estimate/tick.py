@@ -1,4 +1,6 @@
-"""Run the autopilot's tick over a recording; no other module of `hil` imports it (import contract `seam`).
+"""Run the autopilot's tick over a recording.
+
+No other module of `hil` imports the tick of the firmware (import contract `seam`).
 
 The tick is that of the firmware. The recorded rudder angle replaces the rudder command, so that the monitors check the
 recorded steering. The controller is called a second time to compute the command that it would give.

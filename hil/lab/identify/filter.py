@@ -17,7 +17,8 @@ from hil.lab.compiled import compiled
 from hil.lab.identify.recording import Floats
 from hil.lab.numeric_core import Motion, NoiseLevels, heading_model, inner, kt
 
-# Indices of the unknowns. K, T and the noise levels are natural logarithms; EXPONENT is the exponent of the speed.
+# Indices of the unknowns. K, T and the noise levels are natural logarithms. OFFSET is delta0 [rad], DELAY and LAG are
+# dead time and lag of the rudder [s], EXPONENT is the exponent of the speed.
 LN_K, LN_T, ALPHA, OFFSET, DELAY, LAG, EXPONENT, DIFFUSION, WAVE, PERIOD, DAMPING, COMPASS, WALK, GYRO = range(14)
 UNKNOWN_COUNT = 14
 
@@ -57,8 +58,8 @@ def innovations(
 ) -> None:
     """Compute the innovations and their variances into `out`, (2, rows).
 
-    is_first: the first rows of stretches. measured: headings, or yaw rates. rudder_rad: the mean over the interval
-    that ends at each row.
+    sign: that of K. is_first: the first rows of stretches. measured: headings, or yaw rates. rudder_rad: the mean over
+    the interval that ends at each row.
     """
     levels = NoiseLevels(
         values[DIFFUSION], values[WAVE], values[PERIOD], values[DAMPING], values[COMPASS], values[WALK]

@@ -42,7 +42,7 @@ START_LAGS_S = (0.3, 1.0, 4.0, 12.0, 50.0)
 START_GAIN_LAG = 0.3  # initial product K T
 START_ROWS, START_ITERATIONS = 1500, 10
 MAX_ITERATIONS, CONVERGED_CHANGE = 60, 1e-3  # change of the cost
-NULL_CONVERGED_CHANGE = 0.5
+NULL_CONVERGED_CHANGE = 0.5  # the same for the fit without rudder effect
 ROWS_PER_LAG, ROWS_PER_WAVE = 12.0, 8.0  # after averaging
 SIGN_COST = 6.0  # added to minus the log density of a reversed rudder, which is unlikely
 MAX_LOG_STEP = 1.5  # of an unknown that is a logarithm
@@ -59,8 +59,8 @@ class Fit:
     """The unknowns at the maximum, the sign of K, the indices of the free unknowns and their covariance.
 
     prior_fraction: part of the information that comes from the prior. gain: log-likelihood minus that of a boat without
-    rudder effect. is_likeliest: whether the values
-    are those of the maximum, and not those that predict the recording better (find_best_prediction).
+    rudder effect. is_likeliest: whether the values are those of the maximum, and not those that predict the recording
+    better (find_best_prediction).
     """
 
     values: Floats

@@ -15,7 +15,8 @@ from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
 
 SPIKE_NEIGHBOURS = 3  # on each side
 MIN_SPIKE_SIGMAS = 8.0  # standard deviations; probability 1e-15 for a normal distribution
-NORMAL_MAD, NORMAL_90 = 1.4826, 1.645  # standard deviation / median deviation; 90 % quantile / it
+# Normal distribution: standard deviation / median deviation, and 90 % quantile of the deviation / standard deviation.
+NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
 MIN_NOISE_SE = 4.0  # minimum noise variance in standard errors
 
 
@@ -108,7 +109,7 @@ MIN_MOTION_STEPS = 5.0  # minimum motion elsewhere in the same time, in sensor s
 DEGREES_RATIO = 20.0  # a heading that turns so much faster than the yaw rate is in degrees
 WINDOW_COUNTS = (1000, 300, 100, 30, 15)  # numbers of windows over which the turns are compared
 MIN_WINDOWS = 10
-SCALE_MARGIN_SE, MIN_SCALE_ERROR = 4.0, 0.02
+SCALE_MARGIN_SE, MIN_SCALE_ERROR = 4.0, 0.02  # margin of the scale's limits in standard errors; ignored scale errors
 
 
 def remove_frozen_rows(recording: Recording, warnings: list[str]) -> Recording:

@@ -142,7 +142,7 @@ def _rudder(path: Path, log_data: _LogData, notes: list[str]) -> tuple[Floats, F
 
 
 def smooth_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
-    """Return the smoothed speed over ground at the given times, None if the fixes do not cover them."""
+    """Return a speed smoothed over SMOOTHING_S at the given times, None if the pairs do not cover them."""
     table = np.array(keep_increasing(pairs), dtype=np.float64).reshape(-1, 2)
     if table.shape[0] < MIN_ROWS or not time_s.size:
         return None

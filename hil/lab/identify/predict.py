@@ -34,7 +34,7 @@ class Errors:
     yaw_rate_rmse_rad_s: float | None
     heading_rmse_rad: float | None
     heading_mean_rad: float | None
-    heading_95_rad: float | None  # 95 % of the errors
+    heading_95_rad: float | None  # 95 % quantile of the magnitude of the errors
     explained: float  # share (R2) of the turns within each T
     predictions: tuple[Prediction, ...] = ()
     warnings: tuple[str, ...] = ()

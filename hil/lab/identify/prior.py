@@ -49,6 +49,7 @@ DELAY_SD, LAG_SD = 0.3, 0.2  # standard deviations relative to T; that of the de
 MAX_WALK, MIN_WALK_ROWS = 0.02, 10.0
 _DEG = radians(1.0)
 _ANY = 1e9
+# Bounds of the unknowns, in the order of their indices in filter.py.
 LOW = np.array([
     -9.0, -4.5, 0.0, -0.6, -_ANY, 0.0, -1.0, 2.0 * math.log(0.003 * _DEG), math.log(0.01 * _DEG), math.log(0.3),
     math.log(0.04), math.log(0.005 * _DEG), math.log(0.001 * _DEG), math.log(0.001 * _DEG),

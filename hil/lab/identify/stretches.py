@@ -79,7 +79,7 @@ class Data:
 
 
 class Columns:
-    """The rows of all stretches, averaged in groups; the rudder is not averaged."""
+    """The rows of all stretches, averaged in groups; the means of the rudder are exact, from all rows."""
 
     def __init__(self, data: Data, every: int = 1) -> None:
         """Average groups of `every` rows."""

@@ -115,7 +115,11 @@ ProgressReport = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Durations and sizes of all steps; the first `train_s` of the heading control test identify the model."""
+    """Durations and sizes of all steps.
+
+    `train_s`, `validation_s`: parts of the heading control test that identify the model and that test it. `circle_s`:
+    duration at each rudder angle. `evaluations`, `scenarios`: of the tuning. `goals`, `run_s`: of the closed-loop runs.
+    """
 
     train_s: float
     validation_s: float

@@ -16,12 +16,12 @@ from hil.lab.reproduce.chain import Chain, Voyage
 from hil.lab.reproduce.heading_test import GOAL_S, GOALS_DEG
 from hil.ship import scenarios
 
-# step [deg] -> excess of the ITAE of 40, 0.3 over the minimum; the paper's figures are about 8 and 2 %
+# step [deg] -> largest excess of the ITAE of the paper's gains, k1 = 40 and k2 = 0.3, over the minimum, as a fraction.
 MAX_EXCESS = {30.0: 0.085, 90.0: 0.025}
 MAX_ERROR_DEG = {"tank": 3.0, "sea": 8.0}
 MAX_PREDICTION_MEAN_DEG, MAX_PREDICTION_ERROR_DEG = 0.6, 10.0
 MIN_VISIBLE_OVERSHOOT = 0.03  # relative to the step
-RADIUS_M = (20.0, 30.0)
+RADIUS_M = (20.0, 30.0)  # turning radius in the paper
 SEA_SPEEDS_KN = (1.5, 2.1)
 NOT_PRINTED = "not given"
 MAX_STANDARD_ERRORS = 3.0

@@ -30,7 +30,7 @@ STEADY_FRACTION = 1.0 / 3.0  # last part of a leg
 GOALS_DEG = (60.0, -30.0)  # turns of 60 deg to starboard and 90 deg to port
 COMPASS_NOISE_DEG = 0.3
 DEFAULT_SCENARIOS = ("tank", "sea", "swell", "weak")
-SHIP_FACTORS = ((0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3))
+SHIP_FACTORS = ((0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3))  # of K and T
 SPEEDS_M_S = (0.2, 1.2)
 NOMINAL = (1.0, 1.0)
 

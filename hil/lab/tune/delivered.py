@@ -92,7 +92,10 @@ def cases_of(names: Sequence[str], seeds: Sequence[int]) -> tuple[Case, ...]:
 
 
 def task_of(model: KtModel, limit_rad: float) -> tuple[Task, tuple[Goal, ...], float]:
-    """Return legs, goals and duration [s]; the length of a leg depends on the turning time of the ship."""
+    """Return legs, goals and duration [s] for a ship with the rudder limit `limit_rad`.
+
+    The length of a leg depends on the turning time of the ship.
+    """
     fastest_rad_s = steady_yaw_rate(limit_rad, model.turning_ability_1_s, model.norrbin_s2)
     turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(fastest_rad_s)
     leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), MIN_LEG_S, MAX_LEG_S)

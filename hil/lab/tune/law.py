@@ -1,9 +1,8 @@
 """Search for the constants of the control law (firmware_py/control/law.py) in the compiled loop.
 
 The goals are those of docs/explanation/steering.md. The cost of a run is the mean square of the heading error plus a
-price for the
-rudder travel of its steady parts. The cost of a setting is the mean over the seas of the cost relative to that of the
-present constants. The fish swarm searches in seas with some seeds; seas with other seeds check its result.
+price for the rudder travel of its steady parts. The cost of a setting is the mean over the seas of the cost relative to
+that of the present constants. The fish swarm searches in seas with some seeds; seas with other seeds check its result.
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ ITAE, RMS, MEAN, TRAVEL, OVERSHOOT = range(5)
 RESULTS = 5
 
 
-# Columns of a setting, and of the state of the autopilot.
+# Columns of a setting, and of the state of the autopilot. THETA is the decay of the observer's error in a tick, DECAY
+# that of the yaw rate of the model.
 K1, K2, TAU_S, DEADBAND_RAD = range(4)
 HEADING_RAD, YAW_RATE_RAD_S, COMMAND_RAD, THETA, DECAY = range(5)
 AUTOPILOT_STATES = 5
@@ -56,7 +57,7 @@ class Autopilot(NamedTuple):
 
 
 class Task(NamedTuple):
-    """The goals [rad] of consecutive legs, each with the same number of ticks."""
+    """The goals [rad] of consecutive legs of `leg_ticks` ticks each; the steady part starts after `steady_ticks`."""
 
     goals_rad: Floats
     leg_ticks: int

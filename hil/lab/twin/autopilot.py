@@ -44,7 +44,9 @@ class Task(NamedTuple):
     goals_rad: Floats
 
 
-# Other state of the autopilot; NaN is an absent value. `goals` is the number of goals received.
+# Other state of the autopilot; NaN is an absent value. Times: before_s of the previous tick, steered_s of the last tick
+# with a heading, sample_s of the newest heading used, newest_s of the newest compass message in this tick.
+# `goals` is the number of goals received.
 STATE = np.dtype(
     [
         *(
@@ -73,6 +75,7 @@ class EstimatorState(NamedTuple):
 class TickEstimate(NamedTuple):
     """Results of the estimators at a tick for control law, monitors and record.
 
+    `disturbance`: learned diffusion [rad^2/s] and rudder bias [rad] (heading_tick.learned_disturbance).
     It is a separate record because functions with `EstimatorState`, which has hundreds of numbers, compile slowly.
     """
 

@@ -53,7 +53,7 @@ ARRIVAL_S, MESSAGE_RAD = 0, 1
 SPEED_M_S, COURSE_RAD, LOST, LATITUDE_RAD, LONGITUDE_RAD = range(1, 6)
 FIX_COLUMNS = 6
 # Columns of the random numbers of a fix: errors of position and velocity, north and east, and a flag that is above 0
-# fix.
+# without a fix.
 NORTH_ERROR_M, EAST_ERROR_M, NORTH_ERROR_M_S, EAST_ERROR_M_S, NO_FIX = range(5)
 FIX_NUMBERS = 5
 # State of the shaft: start angle and time of its movement, and target.
@@ -63,8 +63,8 @@ FROM_RAD, START_S, TO_RAD = range(3)
 class Devices(NamedTuple):
     """Sampling times of compass and receiver, and the indices of their random numbers in the series.
 
-    A fix has FIX_NUMBERS random numbers. `filter_s` is 0 for a receiver without filter.
-    start.
+    A fix has FIX_NUMBERS random numbers. `latency_s`: from the sample of a fix to its first byte. `filter_s`: time
+    constant of the receiver's velocity filter, 0 without a filter.
     """
 
     compass_phase_s: float

@@ -17,7 +17,9 @@ STEPS_PER_ROW = 5
 QUEUE_SIZE = 16
 
 # The state of ship and devices: hull, shaft, queues of messages and their lengths; the next grid step, compass sample,
-# fix and sample of the receiver's filter; the last row written; whether the first fix has been received.
+# fix and sample of the receiver's filter; the last row written; whether the first fix has been received. shaft_rad is
+# the angle at the last grid step, feedback_rad that of the last reply of the servo; north_m_s and east_m_s are the
+# output of the receiver's filter; first_fix_s is the arrival of the first fix.
 PLANT = np.dtype(
     [
         ("hull", np.float64, (HULL_STATES,)),

@@ -49,7 +49,10 @@ def wave_process(
     sds: tuple[float, float], a: tuple[tuple[float, float], tuple[float, float]], n: tuple[float, float, float],
     state: NDArray[np.uint64], out: Floats,
 ) -> None:  # fmt: skip
-    """Compute angle and rate of a wave process into `out`, alternately."""
+    """Compute angle and rate of a wave process into `out`, alternately.
+
+    `sds`: initial standard deviations. `a`, `n`: transition and noise of a step (hil.ship.waves.discretise).
+    """
     # NormalNumbers returns the numbers of each block in reverse order.
     numbers, y, v = np.empty(BLOCK_SIZE), 0.0, 0.0
     for k in range(out.size // 2):

@@ -26,6 +26,11 @@ class Ship(NamedTuple):
     along the waves; for a short-crested sea `beside` is the part independent of the yaw, and `alone` replaces the yaw
     if there is none or one of another period; the roll of the compass. `jump` is the jump of the yaw rate at the end of
     a step, times the turning lag.
+
+    f00 to f11: transition of the float in a grid step; float_w2, float_damp: its stiffness [1/s^2] and damping [1/s].
+    body_rad, wind_rad: leeway by the body and by the wind. `slide_...`: sway in turns. `crests_...`: displacement of
+    the receiver in a short-crested sea; crests_own: independent of the yaw. c_a to c_e: coefficients A to E of the
+    compass deviation [rad]; c_follow: part of its lag that a grid step covers. rotary: ratio of the tide's axes.
     """
 
     ability_1_s: float
@@ -86,7 +91,7 @@ class Ship(NamedTuple):
     blade_lost_s: float = math.inf  # from this time the rudder has no effect
 
 
-# State of a hull.
+# State of a hull, in SI units; RUDDER is the effective angle, COMPASS the lagged heading, SIDEWAYS and SLIDE are sway.
 (PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, COMPASS, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED, NORTH_M,
  EAST_M) = range(14)  # fmt: skip
 HULL_STATES = 14
