@@ -65,8 +65,9 @@ class Trial(msgspec.Struct, frozen=True):
 class AvoidanceState(msgspec.Struct, frozen=True):
     """The avoidance heading (None: unchanged course), and the present round of trials.
 
-    `way_rad` is the centre of the sector: the unchanged course at the start of the round. `is_refusal_reported`: "no
-    better heading" has been reported.
+    `way_rad` is the centre of the sector: the unchanged course at the start of the round, which began at `tried_s` for
+    `goal` and `task`. `next_trial` is the index of the next heading to try. `unchanged`: trial of the unchanged course
+    at the end of the last round. `is_refusal_reported`: "no better heading" has been reported.
     """
 
     heading_rad: float | None = None
@@ -142,7 +143,8 @@ def end(state: AvoidanceState) -> tuple[AvoidanceState, tuple[Event, ...]]:
 def _list_headings(settings: AvoidanceSettings, state: AvoidanceState, along_rad: float) -> tuple[float, ...]:
     """Return the headings of a round, from the unchanged course outward.
 
-    The first are the present avoidance heading and the heading parallel to the unchanged course.
+    During avoidance, the first are the present avoidance heading, if it is in the sector, and `along_rad`, the heading
+    that keeps the unchanged course.
     """
     way_rad, sector_rad = state.way_rad or 0.0, settings.sector_rad
     fan = [
@@ -195,7 +197,10 @@ def _choose(state: AvoidanceState, unchanged: Trial) -> tuple[AvoidanceState, tu
 
 
 def _try_unchanged(traffic: TrafficSettings, inputs: AvoidanceInput) -> Trial:
-    """Return the worst trial of the unchanged course: the present heading, parallel to the line, and on the line."""
+    """Return the worst trial of the unchanged course: its heading and, on a line, the heading along the line.
+
+    The latter is tried from the position of the boat and from the nearest point of the line.
+    """
     trials = [_try_heading(traffic, inputs, inputs.unchanged_rad)]
     if inputs.line is not None:
         off_m, course_rad = inputs.line.cross_track_m, inputs.line.course_rad
@@ -228,10 +233,10 @@ def _try_heading(
 
 
 def _velocity_over_ground(motion: VesselMotion, heading_rad: float) -> Velocity:
-    way_rad = heading_rad + motion.leeway_rad
+    water_course_rad = heading_rad + motion.leeway_rad
     return (
-        motion.current_north_m_s + motion.speed_m_s * math.cos(way_rad),
-        motion.current_east_m_s + motion.speed_m_s * math.sin(way_rad),
+        motion.current_north_m_s + motion.speed_m_s * math.cos(water_course_rad),
+        motion.current_east_m_s + motion.speed_m_s * math.sin(water_course_rad),
     )
 
 

@@ -27,7 +27,7 @@ from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, Ve
 from firmware_py.modes import ModeState, PositionGoal
 
 UPDATE_INTERVAL_S = 0.5
-MAX_STEP_S = 5.0
+MAX_STEP_S = 5.0  # of timers and of the line integral; the rest of a longer interval is ignored
 
 
 class GuidanceSettings(msgspec.Struct, frozen=True):
@@ -36,7 +36,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True):
     tasks: TaskSettings
     rally_includes_home: bool
     stick_timeout_s: float
-    stick_rate_rad_s: float
+    stick_rate_rad_s: float  # at full deflection
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> GuidanceSettings:
@@ -50,7 +50,10 @@ class GuidanceSettings(msgspec.Struct, frozen=True):
 
 
 class GuidanceState(msgspec.Struct, frozen=True):
-    """State of guidance: last mode and arming, mission progress, task and its status."""
+    """State of guidance: last mode and arming, mission progress, task and its status.
+
+    `reached`: indices of the mission items that ended in the last update.
+    """
 
     mode: Mode | None = None
     armed: bool = False

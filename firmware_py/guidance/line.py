@@ -29,7 +29,10 @@ MAX_PASSED_DISTANCE_M = 1000.0  # at which a waypoint is reached after MAX_TRIES
 
 
 class LineState(msgspec.Struct, frozen=True):
-    """Start of the line, integral of the line of sight, and progress of the approach to its end."""
+    """Start of the line, integral of the line of sight, and progress of the approach to its end.
+
+    `closest_m`: smallest distance to the end while the boat approaches it. `tries`: passes at too large a distance.
+    """
 
     start: Place
     integral_s: float = 0.0
@@ -38,7 +41,7 @@ class LineState(msgspec.Struct, frozen=True):
 
 
 class LineStatus(msgspec.Struct, frozen=True):
-    """Course over ground to steer, cross-track error (None: the line is too short), and arrival."""
+    """Course over ground to steer, cross-track error to starboard (None: the line is too short), and arrival."""
 
     course_rad: float
     cross_track_m: float | None

@@ -78,7 +78,7 @@ def update(
 
 
 def _start_search(settings: TaskSettings, task: HoldStation, plan: Plan) -> LoiterPlacement:
-    """Return the placement at the requested centre; it is final if the margin suffices or is far outside the fence."""
+    """Return the placement at the requested centre; it is final if the margin suffices or that is far outside."""
     margin_m, required_m = fence.margin_m(plan, task.centre), task.radius_m + overshoot_m(settings)
     return LoiterPlacement(
         task, plan.identity, task, margin_m, margin_m, is_final=margin_m >= required_m or margin_m < -required_m

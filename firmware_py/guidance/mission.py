@@ -72,7 +72,7 @@ def update(progress: MissionProgress, inputs: MissionInput) -> MissionOutput:
 
 
 def _begin(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> MissionProgress | None:
-    """Return the progress with the task of the item, unchanged if it has none; None if it cannot begin yet."""
+    """Return the progress at the begun item with its task, else the previous task; None if it cannot begin yet."""
     row = TABLE.get(step.command)
     if row is None:
         return replace(progress, begun=True)

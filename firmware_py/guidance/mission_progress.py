@@ -15,9 +15,11 @@ from firmware_py.plans.items import Command
 class MissionProgress(msgspec.Struct, frozen=True):
     """Progress of the mission with checksum `identity`; `index` counts from 0.
 
-    `begun`: the item at `index` has its task. `elapsed_s` is the time since the beginning of the item or since the
-    arrival, depending on the command; `until_utc_s` is the end of a delay. `idle_items` counts consecutive items
-    without duration, to detect an endless loop.
+    `started`: AUTO has executed it. `begun`: the item at `index` has its task. `unusable`: it is empty or an endless
+    loop. `elapsed_s` is the time since the beginning of the item or since the arrival, depending on the command;
+    `until_utc_s` is the end of a delay. `idle_items` counts consecutive items without duration, to detect an endless
+    loop, `orbits` the begun LOITER_TURNS, and `jumps` the executed jumps of each jump item as (index, count).
+    `line_start` is the start of the next line, None for the present position.
     """
 
     identity: int = 0

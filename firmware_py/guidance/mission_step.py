@@ -52,14 +52,14 @@ class MissionStep(msgspec.Struct, frozen=True):
     place: Place | None = None
     radius_m: float | None = None  # None: the parameter applies
     seconds: float = 0.0
-    time_of_day_s: float | None = None
+    time_of_day_s: float | None = None  # UTC
     turns: float = 0.0
     clockwise: bool = True
     angle_rad: float = 0.0
     relative: bool = False
     distance_m: float = 0.0
     enabled: bool = False
-    target: int = 0
+    target: int = 0  # index of the item to jump to; negative: none
     times: int = 0  # -1: always
     autocontinue: bool = True
 

@@ -11,11 +11,11 @@ from firmware_py.guidance.tasks import Orbit, TaskSettings, VesselMotion
 
 LEAD_S = 8.0  # compensates for the lag behind a course with a constant rate
 MIN_ORBIT_RADII = 1.5  # in turning radii; some rudder stays in reserve
-ON_CIRCLE_FRACTION = 0.5  # of the radius: maximum distance from the circle at which the angle is added
+ON_CIRCLE_FRACTION = 0.5  # of the radius: maximum distance from the circle at which the angle counts
 
 
 class OrbitState(msgspec.Struct, frozen=True):
-    """Bearing from the centre at the last step, and the angle travelled since the start."""
+    """Bearing from the centre at the last step, and the angle travelled in the direction of the task."""
 
     bearing_rad: float | None = None
     turned_rad: float = 0.0

@@ -16,11 +16,12 @@ from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings,
 from firmware_py.model.crab import against_current, heading_for_course
 
 HEADING_COUNT = 36
-MARGIN_FRACTION, MIN_MARGIN_M, MAX_MARGIN_FRACTION = 0.1, 6.0, 0.25  # of the radius
+# Legs end this far inside the circle; the fractions are of its radius.
+MARGIN_FRACTION, MIN_MARGIN_M, MAX_MARGIN_FRACTION = 0.1, 6.0, 0.25
 TURN_RATE_FRACTION = 0.7  # of the rate at full rudder, because the rudder decreases towards the end of a turn
-PREDICTION_S = 10.0
+PREDICTION_S = 10.0  # from now to the predicted start of the turn back
 MAX_LEG_ERROR_RAD = 0.35  # with a larger heading error the boat is still turning
-MAX_STAY_S = 7200.0
+MAX_STAY_S = 7200.0  # limit of the predicted time inside
 TURN_COST_S_RAD = 30.0  # minimum gain of time inside per radian of turning
 
 

@@ -23,7 +23,7 @@ from firmware_py.modes import (
 
 
 class SteeringTarget(msgspec.Struct, frozen=True):
-    """Target of the controller: the heading to steer and the heading error."""
+    """Target of the controller: the heading to steer, and the heading error (positive: turn to starboard)."""
 
     heading_rad: float | None = None
     error_rad: float | None = None

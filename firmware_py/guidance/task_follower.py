@@ -46,7 +46,11 @@ class TaskFollowerState(msgspec.Struct, frozen=True):
 
 
 class TaskStatus(msgspec.Struct, frozen=True):
-    """Result of a step, for the controller and for reports."""
+    """Result of a step, for the controller and for reports.
+
+    `radius_m` is the acceptance, loiter or orbit radius at `target`; `bearing_rad` and `distance_m` are from the boat
+    to it. `cross_track_m` is positive to starboard of the line or orbit.
+    """
 
     heading_target: HeadingTarget | None = None
     activity: Activity = Activity.NOTHING

@@ -27,11 +27,12 @@ REPORT_INTERVAL_S = 5.0  # between reports of two vessels
 REPEAT_INTERVAL_S = 600.0  # between reports of a receiver problem or of a distress beacon
 MAX_JUMP_M, MAX_SPEED_M_S = 500.0, 60.0  # maximum position error of a valid report, and speed of the fastest craft
 CONFIRMATIONS = 3  # consistent positions after which a jump is accepted
-# A near vessel is no longer near beyond this multiple of the near distance, while it moves away or at its closest
-# approach.
+# A near vessel is no longer near if it moves away beyond PASSED_FACTOR near distances, or if its closest approach
+# exceeds CLEAR_FACTOR near distances.
 PASSED_FACTOR, CLEAR_FACTOR = 1.1, 3.0
-OWN_SPEED_M_S = 0.5
-ECHO_DISTANCE_M, ECHO_TRAVEL_M = 40.0, 50.0  # of the transponder of the boat: maximum distance, minimum way
+OWN_SPEED_M_S = 0.5  # of the boat, for the time in which a vessel could arrive
+# Maximum distance and minimum travel of the transponder of the boat.
+ECHO_DISTANCE_M, ECHO_TRAVEL_M = 40.0, 50.0
 
 
 class TrafficSettings(msgspec.Struct, frozen=True):
@@ -214,7 +215,7 @@ def _check_vessels(
 def _update_echo_status(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     """Return a vessel with its echo status: whether it is the transponder of the boat itself.
 
-    This is so if it has moved by ECHO_TRAVEL_M and its distance from the boat has never exceeded ECHO_DISTANCE_M.
+    This is so if it has moved by ECHO_TRAVEL_M since it came within ECHO_DISTANCE_M of the boat.
     """
     if now_s - vessel.position.t_s > CHECK_INTERVAL_S:
         return vessel
@@ -231,7 +232,7 @@ def _update_echo_status(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
 def _report_distress(
     state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    """Report the distress beacon with the oldest report, by bearing and distance if known, otherwise by position."""
+    """Report the distress beacon whose last event is the oldest: by bearing and distance if known, else by position."""
     vessels = list(state.vessels)
     due = [
         index
@@ -259,7 +260,7 @@ def _last_report_s(vessel: Vessel) -> float:
 
 
 def _is_report_due(vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
-    """Return whether a distress beacon is new, has an old report, or has a bearing for the first time."""
+    """Return whether a beacon is new, has had no event for REPEAT_INTERVAL_S, or has a bearing for the first time."""
     if vessel.reported_s is None:
         return True
     return (own is not None and not vessel.bearing_reported) or now_s - vessel.reported_s >= REPEAT_INTERVAL_S
