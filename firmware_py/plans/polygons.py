@@ -14,7 +14,7 @@ from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
-_FULL_CIRCLE = 3_600_000_000
+_FULL_CIRCLE = 3_600_000_000  # 1e-7 degrees
 _MAX_EDGE_PAIRS = 20_000  # in the comparisons of one fence; about 10 ms
 _MIN_EDGES = 3
 

@@ -17,7 +17,7 @@ from firmware_py.plans.numbers import PlanFileError, add_location, make_item, sc
 from firmware_py.plans.polygons import polygons_of
 
 _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
-_ARDUPILOT, _SURFACE_BOAT = 3, 11
+_ARDUPILOT, _SURFACE_BOAT = 3, 11  # MAV_AUTOPILOT, MAV_TYPE
 _PLANNING_SPEED_M_S = 0.5
 
 # All keys of QGroundControl in the supported version of each object. Other keys are refused, because ignoring them
@@ -291,7 +291,7 @@ def _make_mission_section(plan: Plan) -> Mapping[str, Any]:
         "vehicleType": _SURFACE_BOAT,
         "cruiseSpeed": _PLANNING_SPEED_M_S,
         "hoverSpeed": _PLANNING_SPEED_M_S,
-        "globalPlanAltitudeMode": 1,
+        "globalPlanAltitudeMode": 1,  # relative to home
         "plannedHomePosition": [*_to_degrees(first_position), 0.0],
         "items": items,
     }

@@ -22,7 +22,7 @@ def read_plan_file(
 ) -> tuple[Plan, ...]:
     """Read and validate the plans of a file; raise PlanFileError with source, line or item, and remedy.
 
-    Camera items of a mission are skipped and reported by `note`.
+    `home`: item 0 of a mission in a text file is home. Camera items of a mission are skipped and reported by `note`.
     """
     if len(content) > MAX_BYTES:
         raise PlanFileError(f"{source}: larger than {MAX_BYTES >> 20} MiB: not a plan file")

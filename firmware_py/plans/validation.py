@@ -12,9 +12,9 @@ from firmware_py.plans.sequence import order_problem
 
 __all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
 
-_MAX_LATITUDE, _MAX_LONGITUDE = 900_000_000, 1_800_000_000
+_MAX_LATITUDE, _MAX_LONGITUDE = 900_000_000, 1_800_000_000  # 1e-7 degrees
 _INVALID_PARAM = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}
-_TIME_OF_DAY = -1.0
+_TIME_OF_DAY = -1.0  # param1 of NAV_DELAY
 _CACHE_SIZE = 4
 
 _recent: list[tuple[Plan, PlanProblem | None]] = []
