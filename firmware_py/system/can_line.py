@@ -85,7 +85,7 @@ class CanAdapterLine(NetworkLine):
         return -1
 
     def open(self) -> None:
-        """Open the adapter in listen mode as far as it has one; raises PortError with the remedy."""
+        """Open the adapter at the bit rate of NMEA 2000; raises PortError with the remedy."""
         try:
             import can  # noqa: PLC0415 - only for a boat with such an adapter
         except ImportError:

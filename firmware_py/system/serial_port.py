@@ -192,7 +192,7 @@ class SerialPort:
         return data
 
     def _is_hung_up(self) -> bool:
-        """Return whether the other end was closed, also if the path leads to another device since."""
+        """Return whether the port is lost: its other end was closed, or its path now leads to another device."""
         try:
             termios.tcgetattr(self._fd)
             return os.stat(self._path).st_rdev != os.fstat(self._fd).st_rdev  # noqa: PTH116 - in the tick's path

@@ -137,6 +137,7 @@ def _power(snapshot: Snapshot) -> Values:
     }
 
 
+# Coefficients A to E of the compass deviation.
 _COEFFICIENTS = ("a_deg", "b_deg", "c_deg", "d_deg", "e_deg")
 
 
@@ -243,9 +244,9 @@ class StatusSources(msgspec.Struct, frozen=True):
     devices: Callable[[], Mapping[DeviceRole, DeviceHealth]]
     links: Callable[[float], Sequence[LinkStatus]]
     faults: Callable[[], LatchState]
-    starts: Callable[[], int]
+    starts: Callable[[], int]  # boot count
     written: Callable[[], tuple[int, int]]  # versions of the state written since the start, and their bytes
-    load: Callable[[], float]
+    load: Callable[[], float]  # of the processor, 0 to 1
     utc_s: Callable[[], float]
     machine_s: Callable[[], float]
     swing: Callable[[], SwingReport]

@@ -15,7 +15,7 @@ from firmware_py.system.service_manager import ServiceManager
 _THREADS = Path("/proc/self/task")
 TIMEOUT_S = 15  # the maximum of the Raspberry Pi
 INTERVAL_S = 2.0
-_SET_TIMEOUT = 0xC0045706  # _IOWR('W', 6, int)
+_SET_TIMEOUT = 0xC0045706  # WDIOC_SETTIMEOUT of linux/watchdog.h, _IOWR('W', 6, int)
 _RESET, _DISARM = b"\0", b"V"
 _REMEDY = "correct --watchdog, or leave it out"
 
