@@ -23,11 +23,11 @@ _LEVEL: Final = 6
 # Magic number, method and flags; time; extra flags; system; length of all extra fields; name and length of this one.
 _HEADER = struct.Struct("<4sIBBH2sH")
 _MARK: Final = b"\x1f\x8b\x08\x04"
-_MEMBER, _INDEX = b"RM", b"RI"
+_MEMBER, _INDEX = b"RM", b"RI"  # names of the extra field
 _SIZE = struct.Struct("<I")
 _TOTAL = struct.Struct("<Q")
 _TAIL = struct.Struct("<II")  # CRC-32 and size of the unpacked data
-_EMPTY: Final = b"\x03\x00" + bytes(_TAIL.size)
+_EMPTY: Final = b"\x03\x00" + bytes(_TAIL.size)  # a compressed block without data
 MEMBER_BEGIN: Final = _HEADER.pack(_MARK, 0, 0, 255, _SIZE.size + 4, _MEMBER, _SIZE.size)  # of each member but the last
 
 
