@@ -29,6 +29,7 @@ from firmware_py.system.state_directory import LOG_DIRECTORY, PARAMETER_FILE
 
 READY_TIMEOUT_S, ALIVE_S = 60.0, 3.0
 COMMAND_TIMEOUT_S, REPLAY_TIMEOUT_S, SIMULATION_TIMEOUT_S = 120.0, 300.0, 600.0
+# Goals: seconds:degrees, as in `rambler-hil run --goal`.
 SIMULATION_GOALS, SIMULATION_S, MAX_HEADING_ERROR_DEG = "0:0,20:30", 320, 20.0
 _DIFFERENCE_CODE, _REFUSED_CODE = 1, 2  # exit codes of `rambler replay` and `rambler-hil`
 _MAX_STATE_BYTES, _MAX_VEHICLE_BYTES = 4 << 20, 1 << 20

@@ -14,7 +14,7 @@ PAGE_SERVICE_NAME = "rambler-view"  # of the live page
 STATE = Path("/var/lib/rambler")
 UNIT = Path("/etc/systemd/system/rambler.service")
 PAGE_UNIT = Path("/etc/systemd/system/rambler-view.service")
-TRIAL = Path("/usr/local/lib/rambler/trial")
+TRIAL = Path("/usr/local/lib/rambler/trial")  # the start script
 # Directories that the service cannot access (ProtectHome, PrivateTmp).
 HIDDEN_DIRECTORIES = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - these are refused
 _TEMPLATES = Path(__file__).parent / "templates"
