@@ -39,7 +39,7 @@ from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
-MIN_RATE_DURATION_S = 0.5  # of the samples of a rate; shorter, two messages in one read would be a high rate
+MIN_RATE_DURATION_S = 0.5  # covered by the samples of a rate; two messages in one read would give a high rate
 # The servo is polled with torque off, so that listening does not move it.
 RELEASE_COMMAND = RudderCommand(0.0, torque_on=False)
 # Devices on one port are read in this order.
@@ -71,7 +71,10 @@ Sample = (
 
 @dataclass(slots=True)
 class BenchDevice:
-    """A device: its driver or the error, the number of samples, the time of the first and the last sample."""
+    """A device: its driver or the error, number of samples, time of the first one, and the last one.
+
+    `role` is its section in the vehicle file.
+    """
 
     role: str
     driver_name: str

@@ -119,11 +119,14 @@ class Sweep:
 
     reached_rad: float = 0.0
     has_stop: bool = False
-    pairs: list[tuple[float, float]] = field(default_factory=list)
+    pairs: list[tuple[float, float]] = field(default_factory=list)  # rad
 
 
 def sweep(move: Move, centre_rad: float, side: float, max_rad: float, max_a: float) -> Sweep:
-    """Step to one side (+1 or -1 of the shaft) up to a stop or max_rad, and return to the centre."""
+    """Step to one side (+1 or -1 of the shaft) up to a stop or max_rad, and return to the centre.
+
+    A motor current above `max_a` counts as a stop; 0: no limit.
+    """
     result = Sweep()
     for number in count(1):
         deflection_rad = number * STEP_RAD

@@ -135,8 +135,8 @@ def _check_owner(options: Options) -> None:
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
     """Start the watchdogs; close the assembly and raise WatchdogError if one fails."""
     try:
-        parts, endings, ahead = assembly.parts, assembly.endings, assembly.console.print_early
-        return Supervision(parts, endings, ahead, os.environ, arguments.watchdog, wait=arguments.wait)
+        parts, endings, print_early = assembly.parts, assembly.endings, assembly.console.print_early
+        return Supervision(parts, endings, print_early, os.environ, arguments.watchdog, wait=arguments.wait)
     except WatchdogError:
         assembly.close()
         raise

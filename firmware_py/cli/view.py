@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until a signal; return 2 for an unusable address or token."""
+    """Serve until a signal or the end of the harness; return 2 for an unusable address or token."""
     by_harness = arguments.with_parent is not None
     with Signals() as signals:
         if by_harness and not realtime.end_with_parent(arguments.with_parent):

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, decode_text
 
+# By the format character of a field in the log.
 _SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 _TEXT_KINDS: Final = frozenset("nNZ")
 _MICROSECOND_S: Final = 1e-6

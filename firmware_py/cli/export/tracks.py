@@ -41,7 +41,10 @@ class Point:
 
 @dataclass(slots=True)
 class Tracks:
-    """Track, mission and fence of a log."""
+    """Track, mission and fence of a log; items have the values of a CMD or FNCE record by column.
+
+    `offset_s` is UTC less process time, None without a date.
+    """
 
     points: list[Point] = field(default_factory=list)
     mission: list[dict[str, Any]] = field(default_factory=list)
