@@ -85,6 +85,7 @@ function firstIndexFrom(times, time) {
 }
 
 // Path of a line through the lowest and the highest value of each pixel column, so that no peak is lost.
+// `jump`: difference of values at which the line is interrupted; `step`: a value is constant until the next one.
 function linePath(times, values, first, last, x, y, jump, step) {
   const parts = [];
   let pen = false, previous = null, column = null, low = null, high = null;

@@ -23,7 +23,7 @@ COLUMNS: Final = (
 )
 
 Row = Mapping[str, float | None]
-Mark = tuple[float, int, str]
+Mark = tuple[float, int, str]  # time in s, severity, text
 
 
 class History:

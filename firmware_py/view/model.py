@@ -8,6 +8,8 @@ A voyage is a mapping of JSON values, drawn by the scripts of this folder:
     origin    [latitude, longitude] of north_m and east_m; or columns lat_deg and lon_deg instead
     plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a position
     first_item  displayed number of the first mission item; item: displayed number of the active one
+    target    [latitude, longitude, radius in m or null]
+    vessels   name, lat_deg, lon_deg, course_deg of each other vessel
     begin_utc_s  UTC of time 0; with it, calendar times are shown
     spectrum  frequency_hz, lines [label, look, numbers], marks [hertz, label]
 

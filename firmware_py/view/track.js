@@ -2,7 +2,8 @@
 // Track over ground with plans, circle, fence and vessels; yaw spectrum.
 
 const EARTH_M = 6371008.8, OLD_S = 5;
-// MAV_CMD of mission items with a position, and the parameter of the circle radius.
+// MAV_CMD of mission items with a position, and the parameter of the circle radius: WAYPOINT 16, LOITER_UNLIM, _TURNS,
+// _TIME 17 to 19, LOITER_TO_ALT 31, SPLINE_WAYPOINT 82. Fence: POLYGON_VERTEX and CIRCLE, each inclusion, exclusion.
 const PLACES = { 16: null, 17: 3, 18: 3, 19: 3, 31: 2, 82: null };
 const VERTEX = { 5001: "fence", 5002: "fence out" }, CIRCLES = { 5003: "fence", 5004: "fence out" };
 
