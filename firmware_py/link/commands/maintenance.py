@@ -16,10 +16,10 @@ from firmware_py.link.telemetry.status import swing_report_message
 
 BENCH_S = 10.0  # after this time the rudder returns to amidships, unless the command is repeated
 
-_CENTRE_US, _FULL_US = 1500.0, 500.0
+_CENTRE_US, _FULL_US = 1500.0, 500.0  # pulse of the rudder amidships, and its change to full deflection
 _RUDDER_SERVO = 1.0
 _TRIM = 2.0  # param4 of PREFLIGHT_CALIBRATION: the present position is neutral
-_READ, _WRITE, _RESET = 0.0, 1.0, 2.0
+_READ, _WRITE, _RESET = 0.0, 1.0, 2.0  # of PREFLIGHT_STORAGE
 _ARMED = Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: armed")
 _SUPPORTED_CALIBRATIONS = (
     "supported are the rudder centre (param4 = 2) and the compass (param2 = 1, or DO_START_MAG_CAL under way); "
@@ -135,7 +135,7 @@ def manage_storage(context: LinkContext, call: CommandCall) -> Answer | PendingC
 
 
 def start_swing(context: LinkContext, call: CommandCall) -> Answer:
-    """Start a swing, unless the present state prevents progress."""
+    """Start a swing if the mask selects the compass and `begin_swing` does not refuse it."""
     if (denial := _check_mask(call)) is not None:
         return denial
     return begin_swing(context)
@@ -193,7 +193,10 @@ def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
 def _set_deviation(
     context: LinkContext, call: CommandCall, values: Mapping[str, float], action: str, *, can_undo: bool
 ) -> Answer | PendingCommand:
-    """Set all five values or none, and end the swing; `can_undo`: store the former values for a later cancel."""
+    """Set all five values (degrees) or none, and end the swing; `action` ends the text to the operator.
+
+    `can_undo`: store the former values for a later cancel.
+    """
     parameters = former = context.request_handler.parameters()
     try:
         for name, value in values.items():

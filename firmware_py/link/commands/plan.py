@@ -6,7 +6,7 @@ from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHom
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import PlanKind, first_item_number
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.server import NEITHER, CommandCall, CommandRow
+from firmware_py.link.commands.server import PARAM1_NOT_0_OR_1, CommandCall, CommandRow
 from firmware_py.link.commands.steering import GLOBAL_FRAMES, home_request
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.fields import UINT16_MAX
@@ -19,7 +19,7 @@ def set_home(context: LinkContext, call: CommandCall) -> Answer:
     """Set home to the present position (param1 = 1) or to the position in param5 to param7 (0)."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
-        return call.deny(NEITHER)
+        return call.deny(PARAM1_NOT_0_OR_1)
     if use_present:
         return context.request(call.message, SetHome(), call.now_s)
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
@@ -32,7 +32,7 @@ def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
     """Pause the mission (param1 = 0) or continue it (1)."""
     action = call.parameters[0]
     if action not in (0.0, 1.0):
-        return call.deny(NEITHER)
+        return call.deny(PARAM1_NOT_0_OR_1)
     return context.request(call.message, PauseMission(paused=action == 0.0), call.now_s)
 
 
@@ -85,7 +85,7 @@ def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
     """Enable (param1 = 1) or disable (0) the whole fence."""
     state, kinds = call.parameters[:2]
     if state not in (0.0, 1.0):
-        return call.deny(NEITHER)
+        return call.deny(PARAM1_NOT_0_OR_1)
     if not within(kinds, 0, UINT16_MAX) and kinds == kinds:  # noqa: PLR0124 - NaN means "not used"
         return call.deny("the kinds of fence are not a number")
     if kinds > 0:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.intents import Answer, Verdict
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandCall, CommandRow
+from firmware_py.link.commands.server import ACCEPTED, PARAM1_NOT_0_OR_1, CommandCall, CommandRow
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry import identity
@@ -14,8 +14,15 @@ from firmware_py.link.telemetry.fields import INT32_MAX, UINT16_MAX
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Message, mavlink
 
+# Message ids
+_AUTOPILOT_VERSION = 148
 _HOME_POSITION = 242
 _MESSAGE_INTERVAL = 244
+_PROTOCOL_VERSION = 300
+_COMPONENT_INFORMATION = 395
+_COMPONENT_METADATA = 397
+_AVAILABLE_MODES = 435
+
 _UNSUPPORTED = Answer(Verdict.UNSUPPORTED)
 _NOT_NOW = Answer(Verdict.TEMPORARILY_REJECTED)
 
@@ -25,13 +32,16 @@ def _to_message_id(value: float) -> int:
     return int(value) if within(value, 0, 0xFFFFFF) and value == int(value) else -1
 
 
-# Messages that do not depend on the snapshot, by context and requested index. Index NaN means all, as 0 does.
+# Builders of messages that do not depend on the snapshot, by message id; their arguments are the context and the
+# requested index. Index NaN means all, as 0 does.
 FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
-    148: lambda context, _index: (identity.autopilot_version(context.version),),
-    300: lambda _context, _index: (identity.protocol_version(),),
-    395: lambda context, _index: (context.metadata.information_message(context.now_s),),
-    397: lambda context, _index: (context.metadata.message(context.now_s),),
-    435: lambda _session, index: identity.available_modes(0 if math.isnan(index) else _to_message_id(index)),
+    _AUTOPILOT_VERSION: lambda context, _index: (identity.autopilot_version(context.version),),
+    _PROTOCOL_VERSION: lambda _context, _index: (identity.protocol_version(),),
+    _COMPONENT_INFORMATION: lambda context, _index: (context.metadata.information_message(context.now_s),),
+    _COMPONENT_METADATA: lambda context, _index: (context.metadata.message(context.now_s),),
+    _AVAILABLE_MODES: lambda _context, index: identity.available_modes(
+        0 if math.isnan(index) else _to_message_id(index)
+    ),
 }
 
 
@@ -70,12 +80,12 @@ def send_home_position(context: LinkContext, call: CommandCall) -> Answer:
 
 def send_autopilot_version(context: LinkContext, call: CommandCall) -> Answer:
     """Send AUTOPILOT_VERSION once."""
-    return _send_messages(context, call, 148)
+    return _send_messages(context, call, _AUTOPILOT_VERSION)
 
 
 def send_protocol_version(context: LinkContext, call: CommandCall) -> Answer:
     """Send PROTOCOL_VERSION once."""
-    return _send_messages(context, call, 300)
+    return _send_messages(context, call, _PROTOCOL_VERSION)
 
 
 def set_message_interval(context: LinkContext, call: CommandCall) -> Answer:  # noqa: ARG001 - common interface of actions
@@ -89,10 +99,10 @@ def set_message_interval(context: LinkContext, call: CommandCall) -> Answer:  # 
 
 
 def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
-    """Start or stop HIGH_LATENCY2 on every satellite link."""
+    """Start or stop HIGH_LATENCY2 on every satellite link without paid messages."""
     state = call.parameters[0]
     if state not in (0.0, 1.0):
-        return call.deny(NEITHER)
+        return call.deny(PARAM1_NOT_0_OR_1)
     context.high_latency = state == 1.0
     interval_s = context.request_handler.parameters()["LNK_SAT_S"] if context.high_latency else None
     for peer in context.peers:

@@ -19,7 +19,7 @@ from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
-NEITHER = "param1 is neither 0 nor 1"
+PARAM1_NOT_0_OR_1 = "param1 is neither 0 nor 1"
 
 _MAX_PENDING = 8
 _STORE_TIMEOUT_S = 15.0  # longer than a write waits for earlier ones
@@ -28,13 +28,13 @@ _NOT_STORED = 1  # result_param2: executed, but lost at a restart
 RETRY_S = 5.0  # maximum time from a command to its retry (confirmation > 0)
 SATELLITE_RETRY_S = 600.0  # the same by satellite, where an acknowledgement takes two minutes
 OVERTAKEN_S = 2.0  # maximum delay of a duplicate or of a frame that a later frame has overtaken
-RELATIVE_RETRY_S = 30.0  # QGroundControl and others repeat unacknowledged commands during this time
-REPEAT_S = 1.0  # MAVSDK repeats an unacknowledged COMMAND_INT after half a second
-MAX_COMMANDS = 32
-_MAX_RECORDS = 4  # of each command: a duplicate of an earlier one may follow the opposite command
-_NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
+RELATIVE_RETRY_S = 30.0  # of a relative command: stations repeat unacknowledged commands during this time
+REPEAT_S = 1.0  # of a relative COMMAND_INT: MAVSDK repeats an unacknowledged one after half a second
+MAX_COMMANDS = 32  # stored commands, of all stations together
+_MAX_RECORDS = 4  # of each stored command: a duplicate of an earlier one may follow the opposite command
 
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
+_COMMAND_CANCEL = 80  # message id, which the dialect of pymavlink lacks
 _TIMED_OUT = Answer(Verdict.FAILED, "not done in time")
 UNKNOWN_PROGRESS = 255
 FIRST_PROGRESS_S = 0.3  # from the command to the first IN_PROGRESS
@@ -48,9 +48,9 @@ class CommandCall(msgspec.Struct, frozen=True):
     message: Message
     command: int
     parameters: tuple[float, float, float, float]  # param1 to param4
-    x: float  # param5, or the x of COMMAND_INT
-    y: float
-    z: float
+    x: float  # param5; in a COMMAND_INT with a position, the latitude in 1e-7 degrees
+    y: float  # param6, or the longitude likewise
+    z: float  # param7
     frame: int | None  # MAV_FRAME of COMMAND_INT
     now_s: float
     name: str
@@ -130,7 +130,7 @@ class PendingCommand:
                 on_end(answer)
 
     def cancel(self) -> bool:
-        """Cancel the command; return False if that is no longer possible."""
+        """Cancel the command; return False if it has ended or cannot be cancelled."""
         if self._cancel is None or self._answer is not None:
             return False
         self.abandon()
@@ -191,10 +191,15 @@ class CommandServer:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the message handlers by message id."""
-        return {76: self._receive_long, 75: self._receive_int, 11: self._set_mode, 80: self._cancel}
+        return {
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._receive_long,
+            mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._receive_int,
+            mavlink.MAVLINK_MSG_ID_SET_MODE: self._set_mode,
+            _COMMAND_CANCEL: self._cancel,
+        }
 
     def update(self, now_s: float) -> None:
-        """Send the progress of pending commands, and end those whose timeout has passed."""
+        """Poll the pending commands, send their progress, and end those whose timeout has passed."""
         # If a command was sent several times, only the latest one reports progress.
         latest = {(call.peer, call.sender, call.command): pending for call, pending in self._storing_commands}
         for call, pending in (*self._pending, *self._storing_commands):
@@ -275,7 +280,7 @@ class CommandServer:
     def _acknowledge_when_stored(self, call: CommandCall) -> None:
         """Acknowledge an executed command once its result is stored for the next start.
 
-        If storing fails, the command is also acknowledged, since it is executed; a warning is sent before.
+        If storing fails, the command is also acknowledged, since it is executed; an error text is sent before.
         """
         timeout_answer = Answer(Verdict.ACCEPTED, "done but not yet stored")
         pending = PendingCommand(timeout_s=_STORE_TIMEOUT_S, timeout_answer=timeout_answer)
@@ -339,7 +344,7 @@ class CommandRecord(msgspec.Struct, frozen=True):
     content: bytes
     is_int: bool  # COMMAND_INT, not COMMAND_LONG
     station: Station
-    result: int = _NO_RESULT
+    result: int = IN_PROGRESS
 
 
 class CommandMemory:
@@ -430,7 +435,10 @@ def _find_earlier_duplicate(
 
 
 def finish_when_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
-    """Return a pending command that ends when its result is stored, or storing has failed."""
+    """Return a pending command that ends when its result is stored, or storing has failed.
+
+    `text` is sent after success; `failure`, after the name of the command, otherwise.
+    """
     pending = PendingCommand(timeout_s=math.inf)
 
     def finish(is_stored: bool) -> None:  # noqa: FBT001 - callback of the request handler

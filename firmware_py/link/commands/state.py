@@ -7,7 +7,7 @@ import math
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandAction, CommandCall, CommandRow
+from firmware_py.link.commands.server import ACCEPTED, PARAM1_NOT_0_OR_1, CommandAction, CommandCall, CommandRow
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.fields import INT32_MAX, UINT32_MAX
@@ -48,7 +48,7 @@ return_to_launch = _make_mode_action(Mode.RTL)
 
 
 def loiter(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter LOITER at the present position; any other position is refused."""
+    """Enter LOITER at the present position (param5 and param6: 0, NaN or INT32_MAX); refuse another one."""
     if any(value not in (0.0, INT32_MAX) and not math.isnan(value) for value in (call.x, call.y)):
         return call.deny("position not supported; use DO_REPOSITION")
     return context.request(call.message, SetMode(int(Mode.LOITER)), call.now_s)
@@ -73,7 +73,7 @@ def arm_disarm(context: LinkContext, call: CommandCall) -> Answer:
     """Arm (param1 = 1) or disarm (0)."""
     state, force = call.parameters[:2]
     if state not in (0.0, 1.0):
-        return call.deny(NEITHER)
+        return call.deny(PARAM1_NOT_0_OR_1)
     return context.request(call.message, Arm(state == 1.0, force == _FORCE), call.now_s)
 
 

@@ -46,14 +46,14 @@ _RELATIVE_FRAMES = _BODY_FRAMES | {_LOCAL_OFFSET_NED}
 _LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
 
 GUIDED = 2  # `current` of a mission item that is a goal
-_UNIT_TOLERANCE = 0.01
-_MAX_RELATIVE_GOALS = 128  # two stations may send 20 per second each
+_UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
+_MAX_RELATIVE_GOALS = 128  # stored for OVERTAKEN_S, in which two stations may send 20 per second each
 _MIN_SPEED_M_S = 1e-3
 _MAX_SPEED_M_S = 1e3
 
 _FULL_STICK = 1000
-_CENTRE_US, _FULL_US = 1500, 500
-_RELEASE, _IGNORE = 0, UINT16_MAX
+_CENTRE_US, _FULL_US = 1500, 500  # pulse of the rudder amidships, and its change to full deflection
+_RELEASE, _IGNORE = 0, UINT16_MAX  # of a channel in RC_CHANNELS_OVERRIDE
 _OTHER_CHANNELS = tuple(f"chan{number}_raw" for number in range(2, 9))
 _CHANNEL_1 = "channel 1 is the rudder in MANUAL, the heading in STEERING"
 
@@ -91,9 +91,10 @@ def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_
 
 
 def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
-    """Steer to an angle: absolute, or relative to the present heading with the direction in param3.
+    """Steer to an angle, absolute or relative to the present heading.
 
-    A negative relative angle without a direction is a turn to port. The turn rate (param2) is ignored.
+    param3 is the direction of the turn: 1 to starboard, -1 to port, 0 the shorter way, or by the sign of a relative
+    angle. A negative relative angle without a direction is a turn to port. The turn rate (param2) is ignored.
     """
     angle_deg, _, direction, relative = call.parameters
     if relative not in (0.0, 1.0):
@@ -155,10 +156,10 @@ class Setpoints:
     def handlers(self) -> Mapping[int, Handler]:
         """Return the message handlers by message id."""
         return {
-            82: self._set_attitude,
-            84: self._set_local_position,
-            86: self._set_global_position,
-            243: self._set_home,
+            mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._set_attitude,
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._set_local_position,
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._set_global_position,
+            mavlink.MAVLINK_MSG_ID_SET_HOME_POSITION: self._set_home,
         }
 
     def _set_attitude(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -305,7 +306,10 @@ class ManualControl:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the message handlers by message id."""
-        return {69: self._control_manually, 70: self._override_channel}
+        return {
+            mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._control_manually,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._override_channel,
+        }
 
     def _control_manually(self, peer: Peer, message: Message, now_s: float) -> None:
         """Set the rudder by the roll axis y, or by the yaw axis r if y is marked invalid."""
