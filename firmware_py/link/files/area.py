@@ -20,11 +20,11 @@ from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE
 from firmware_py.link.files.payload import Error, Refusal
 
 MAX_NAME_LENGTH = 64
-MAX_DEPTH = 4
+MAX_DEPTH = 4  # components of a path in an area
 MAX_FILE_BYTES = 1 << 20
 MAX_AREA_BYTES = 16 << 20
-MAX_AREA_FILES = 128
-_MAX_ENTRIES = 4096
+MAX_AREA_FILES = 128  # with the directories
+_MAX_ENTRIES = 4096  # of a listing
 _CHUNK_BYTES = 1 << 18
 _PARTIAL_NAME = ".part"  # name of an incomplete upload
 
@@ -172,7 +172,7 @@ class Area:
             os.close(descriptor)
 
     def _check_quota(self, parts: PathParts, added_bytes: int) -> None:
-        """Raise OSError if the area would exceed its maximum size or number of files."""
+        """Raise OSError if the area would exceed its maximum size or number of files and directories."""
         count, total = 0, added_bytes
         pending: list[PathParts] = [()]
         while pending:

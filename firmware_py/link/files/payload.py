@@ -7,6 +7,7 @@ import struct
 from enum import IntEnum
 from typing import NamedTuple
 
+# Sequence, session, opcode, size, opcode of the request (in replies), 1 at the end of a burst, padding, offset, data.
 PAYLOAD = struct.Struct("<HBBBBBBI239s")
 DATA_BYTES = 239
 

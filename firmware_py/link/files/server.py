@@ -37,7 +37,7 @@ from firmware_py.link.peers import Peer, station_of
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.worker import Worker
 
-_FRAME_BYTES = 12 + 3 + PAYLOAD.size
+_FRAME_BYTES = 12 + 3 + PAYLOAD.size  # header and checksum of MAVLink 2; network, system and component of the target
 
 
 class FileServer:

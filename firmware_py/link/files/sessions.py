@@ -220,7 +220,7 @@ class FileSessions:
 
 
 def encode_listing(entries: tuple[Entry, ...], start: int, *, with_time: bool, max_bytes: int) -> bytes:
-    """Return the lines of a listing from number `start`, at most `max_bytes` bytes; raise Refusal at the end."""
+    """Return the lines of a listing from index `start`, at most `max_bytes` bytes; raise Refusal after the last."""
     if start >= len(entries):
         raise Refusal(Error.END_OF_FILE)
     data = b""
@@ -236,7 +236,7 @@ def encode_listing(entries: tuple[Entry, ...], start: int, *, with_time: bool, m
 
 
 class FileCall(NamedTuple):
-    """A request, its undecoded payload, its client and the time."""
+    """A request, its undecoded payload, its client and the time of its arrival."""
 
     request: FileRequest
     raw_payload: bytes
