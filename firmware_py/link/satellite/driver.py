@@ -20,9 +20,11 @@ _LATER_RETRY_S = 300.0  # mean wait after further failures; it doubles while eac
 _MAX_RETRY_S = 3600.0
 _REGISTRATION_RETRY_S = 180.0  # minimum wait after status 36
 _TOO_EARLY_STATUS = 36  # too soon after the last registration
-# After these the gateway may have received the message, so that the message counts as charged.
+# After these MO statuses the gateway may have received the message, so that the message counts as charged: no reply of
+# the modem, session not completed, gateway not responding, connection lost, link failure.
 _AMBIGUOUS_STATUSES = frozenset({None, 13, 17, 18, 19})
-_MIN_SIGNAL_RETRY_S, _MAX_SIGNAL_RETRY_S = 15.0, 120.0  # wait after a weak signal, doubled each time
+# Wait after a weak signal, doubled each time. A measurement older than the minimum is repeated before a session.
+_MIN_SIGNAL_RETRY_S, _MAX_SIGNAL_RETRY_S = 15.0, 120.0
 _SILENT_S = 60.0  # a modem that does not respond for longer is reported
 _BLOCKED_S = 1800.0  # a session that is blocked for longer is reported; waves obstruct the sky for shorter times
 
@@ -70,22 +72,22 @@ class SatelliteDriver:
         self.settings = settings
         self.received: list[tuple[int, bytes]] = []  # message number of the network, message
         self.session_s: float | None = None  # time of the latest successful session
-        self.status: int | None = None  # of the latest session
+        self.status: int | None = None  # MO status of the latest session
         self.blocked_reason = ""  # reason why a session that is due cannot start
         self._store_ledger, self._report = store_ledger, report
         self._rng = random.Random(seed)  # noqa: S311 - for the times of sessions only
         self._bundle: Bundle | None = None  # of the present session
-        self._charge = 0
-        self._failures = 0
+        self._charge = 0  # credits of the present session
+        self._failures = 0  # in sequence
         self._ambiguous_failures = 0  # of the latest failures, number in sequence that may have been charged
         self._next_s = 0.0  # earliest start of the next session
         self._signal_retry_s = _MIN_SIGNAL_RETRY_S
         self._is_signal_measured = False
         self._mailbox_checked_s = 0.0
         self._has_queued_messages = False  # in the network, for the boat
-        self._due_since_s: float | None = None
+        self._due_since_s: float | None = None  # since when a session is due without success
         self._reported_silent = self._reported_blocked = False
-        self._reported_credits_day = -1
+        self._reported_credits_day = -1  # day of the ledger whose used-up credits were reported
 
     # ------------------------------------------------------------------ bytes
 

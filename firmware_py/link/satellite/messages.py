@@ -20,12 +20,12 @@ class Kind(IntEnum):
     """Priority of messages."""
 
     EVENT = 0  # faults and mode changes
-    REPORT = 1
-    ANSWER = 2
+    REPORT = 1  # HIGH_LATENCY2 without a change
+    ANSWER = 2  # acknowledgements and all other messages
     MAILBOX = 3  # an empty message, which checks for received messages
 
 
-HEADER_BYTES = TEXT_OFFSET = 10
+HEADER_BYTES = TEXT_OFFSET = 10  # of a MAVLink 2 frame; severity and text of a STATUSTEXT follow
 HIGH_LATENCY2, STATUSTEXT, COMMAND_ACK = 235, 253, 77
 # Payload sizes of the messages that are sent as MAVLink 1, whose header is four bytes shorter: HIGH_LATENCY2 takes 50
 # bytes and one credit, as MAVLink 2 it would take 54 bytes and two credits.
@@ -35,6 +35,7 @@ _CHUNK_NUMBER_OFFSET = 53  # of STATUSTEXT
 # Of HIGH_LATENCY2: custom_mode, failure_flags, and custom2, whose first bit means armed.
 _MODE, _FAILURES, _CUSTOM2_OFFSET = slice(12, 14), slice(22, 24), 41
 
+# The short form, see AuthenticatedFrame.
 SHORT_FORM_MARK = 0xB5
 HMAC_BYTES = 8
 MAX_STORED_NUMBERS = 128
@@ -53,7 +54,7 @@ def split_batch(data: bytes) -> Iterator[bytes]:
     while start < len(data):
         end = start + HEADER_BYTES + data[start + 1] + 2
         yield data[start:end]
-        start = end + (13 if data[start + 2] & 1 else 0)
+        start = end + (13 if data[start + 2] & 1 else 0)  # incompatibility flag 1: a signature follows
 
 
 def is_text(frame: bytes) -> bool:
@@ -75,6 +76,7 @@ def shorten(frame: bytes) -> bytes | None:
     size = _MAVLINK1_BYTES.get(number)
     payload = payload.rstrip(b"\0") or b"\0"
     body = bytes((len(payload), 0, 0)) + frame[4:HEADER_BYTES] + payload
+    # A frame has 8 bytes besides the payload in MAVLink 1, 12 in MAVLink 2.
     if size is not None and size + 8 <= len(payload) + 12:
         body = bytes((size, *frame[4:7], number)) + payload[:size].ljust(size, b"\0")
         return b"\xfe" + body + checksum(body, seed).to_bytes(2, "little")
@@ -148,7 +150,7 @@ def open_short_form(
 
 
 class Window(msgspec.Struct, frozen=True):
-    """The latest used numbers in ascending order. Numbers up to `floor` count as used."""
+    """The latest used numbers of the short form in ascending order. Numbers up to `floor` count as used."""
 
     floor: int = 0
     used: tuple[int, ...] = ()
@@ -178,7 +180,9 @@ class Bundle(msgspec.Struct, frozen=True):
 
 
 class MessageQueue:
-    """Bounded queues of frames by priority. A frame remains queued until `remove`; `dropped` counts the others.
+    """Bounded queues of frames by priority. A frame remains queued until `remove`.
+
+    `dropped` counts the frames that were not queued or that a newer report has replaced.
 
     If the queue of reports is full, a new report replaces the oldest one, since the latest position is the most useful.
     """

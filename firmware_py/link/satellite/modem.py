@@ -19,7 +19,7 @@ _PAUSE_S = 10.0  # after a failed dialogue
 _MAX_LINE_BYTES = 256  # a longer line is noise
 _MAX_LINES = 8
 _RING = b"SBDRING"
-_RECEIVED, _NOT_DELIVERED = 1, 2  # third number of +SBDIX; 0: no message for the boat
+_RECEIVED, _NOT_DELIVERED = 1, 2  # MT status, third number of +SBDIX; 0: no message for the boat
 _ENDINGS = (b"OK", b"ERROR", b"READY")
 
 
@@ -43,7 +43,7 @@ class Session(msgspec.Struct, frozen=True):
     """Result of a session."""
 
     tried: bool  # whether the modem called the satellite
-    status: int | None = None  # of the sent message, 0 to 4 for success; None if the modem did not report it
+    status: int | None = None  # MO status of the sent message, 0 to 4 for success; None if the modem did not report it
     number: int = 0  # of the received message, assigned by the network
     length: int = 0  # of the received message in bytes, reported by the modem
     content: bytes | None = None  # the received message
@@ -211,11 +211,12 @@ class Modem:
         fields = _parse_numbers(reply, b"+SBDSX:", 6)
         if fields is None:
             return False
-        self._rings = max(self._rings, int(fields[4] == 1 or fields[5] > 0))
-        if fields[2] == 1:  # a message was received before the setup
-            session = yield from self._read_received(Session(tried=False, number=fields[3]))
+        _has_message_to_send, _sent_number, is_received, number, is_ringing, queued = fields
+        self._rings = max(self._rings, int(is_ringing == 1 or queued > 0))
+        if is_received == 1:  # before the setup
+            session = yield from self._read_received(Session(tried=False, number=number))
             self._sessions.append(session)
-        reply = yield ModemCommand(b"AT+SBDD0\r")
+        reply = yield ModemCommand(b"AT+SBDD0\r")  # delete the message to send
         return reply.ending == b"OK"
 
     def _measure_signal(self) -> Dialogue:
@@ -229,14 +230,15 @@ class Modem:
             reply = yield ModemCommand(b"AT+SBDWB=%d\r" % len(content))
             if reply.ending == b"READY":
                 reply = yield ModemCommand(content + checksum(content))
-            is_written = reply.ending == b"OK" and reply.lines[:1] == (b"0",)
+            is_written = reply.ending == b"OK" and reply.lines[:1] == (b"0",)  # 0: written
         else:
             reply = yield ModemCommand(b"AT+SBDD0\r")
             is_written = reply.ending == b"OK"
         if not is_written:
             self._sessions.append(Session(tried=False))
             return False
-        rings = self._rings  # later rings announce another message
+        # SBDIXA: session after a ring alert. Later rings announce another message.
+        rings = self._rings
         reply = yield ModemCommand(b"AT+SBDIXA\r" if rings else b"AT+SBDIX\r", _SESSION_TIMEOUT_S)
         fields = _parse_numbers(reply, b"+SBDIX:", 6)
         if fields is None:
@@ -263,7 +265,7 @@ class Modem:
 
 
 def _parse_numbers(reply: ModemReply, name: bytes, count: int) -> tuple[int, ...] | None:
-    """Return the numbers after a name in a reply with the ending OK; None if the reply is different."""
+    """Return the `count` numbers after a name in a reply with the ending OK; None if the reply is different."""
     lines = [line for line in reply.lines if line.startswith(name)]
     if reply.ending != b"OK" or len(lines) != 1:
         return None

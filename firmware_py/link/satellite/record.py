@@ -17,10 +17,10 @@ _DAY_S = 86400.0
 _EPOCH_DAY = date(1970, 1, 1).toordinal()
 _MAX_UTC_S = 1e11  # a later clock is invalid
 
-MAX_STORED_MESSAGES = 32
+MAX_STORED_MESSAGES = 32  # of Record.seen
 _VERSION: Final = 1
 MAX_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
-MAX_DAY: Final = 1_000_000  # since 1970; a day in the calendar of Python
+MAX_DAY: Final = 1_000_000  # days since 1970; a day in the calendar of Python
 
 # Share of the budget that each priority may use, so that credits are left for urgent messages late in the day and for
 # the reception of commands.
@@ -42,8 +42,8 @@ class Limits(msgspec.Struct, frozen=True):
 class Ledger(msgspec.Struct, frozen=True):
     """Credits used on a day, in a month, and since the first start."""
 
-    day: int = 0  # since 1970-01-01
-    month: int = 0  # since January 1970
+    day: int = 0  # days since 1970-01-01
+    month: int = 0  # months since January 1970
     day_used: int = 0
     month_used: int = 0
     total: int = 0
