@@ -20,6 +20,7 @@ INITIALISING = 16  # custom_mode of ArduRover before the first tick
 
 _CUSTOM_MODE_FLAG = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _ARMED_FLAG = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+_MAVLINK_VERSION = 3  # of HEARTBEAT: MAVLink 1 and 2
 _NOT_SELECTABLE, _AUTO_MODE = 2, 4  # MAV_MODE_PROPERTY, which the dialect of pymavlink lacks
 
 _CAPABILITIES = (
@@ -68,7 +69,8 @@ MODES = (
     *(_make_row(mode, row) for mode, row in mode_table.MODES.items()),
     ModeRow(INITIALISING, "INITIALISING", 0, _NOT_SELECTABLE),
 )
-# It changes with the table of modes, so that a station with a stored table requests it again.
+# Sequence number of AVAILABLE_MODES_MONITOR. It changes with the table of modes, so that a station with a stored table
+# requests it again.
 MODES_SEQUENCE = zlib.crc32(repr(MODES).encode()) & 0xFF
 _STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
@@ -79,14 +81,24 @@ def heartbeat(context: TelemetryContext) -> Message:
     snapshot = context.snapshot
     base_mode = _CUSTOM_MODE_FLAG | _BASE_MODES[snapshot.mode] | (_ARMED_FLAG if snapshot.armed else 0)
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_SURFACE_BOAT, context.autopilot, base_mode, int(snapshot.mode), _system_status(snapshot), 3
+        mavlink.MAV_TYPE_SURFACE_BOAT,
+        context.autopilot,
+        base_mode,
+        int(snapshot.mode),
+        _system_status(snapshot),
+        _MAVLINK_VERSION,
     )
 
 
 def first_heartbeat(autopilot: int) -> Message:
     """Build HEARTBEAT before the first tick."""
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_SURFACE_BOAT, autopilot, _CUSTOM_MODE_FLAG, INITIALISING, mavlink.MAV_STATE_BOOT, 3
+        mavlink.MAV_TYPE_SURFACE_BOAT,
+        autopilot,
+        _CUSTOM_MODE_FLAG,
+        INITIALISING,
+        mavlink.MAV_STATE_BOOT,
+        _MAVLINK_VERSION,
     )
 
 

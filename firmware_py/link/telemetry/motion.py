@@ -183,7 +183,7 @@ def attitude_target(context: TelemetryContext) -> Message | None:
 
 
 def servo_output_raw(context: TelemetryContext) -> Message:
-    """Build SERVO_OUTPUT_RAW: servo 1 is the rudder command, 1500 us +- 500 us at the rudder limit.
+    """Build SERVO_OUTPUT_RAW: servo 1 is the rudder command, 2000 us at the rudder limit to starboard.
 
     The measured angle is NAMED_VALUE_FLOAT `RUDDER`, an estimated one `RUD_EST`.
     """

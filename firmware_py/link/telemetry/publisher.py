@@ -19,7 +19,7 @@ _HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436
 (_HEARTBEAT_ROW,) = ROWS_OF[_HEARTBEAT]
 
 _MAX_CHANGE_REPORTS, _CHANGE_REPORTS_HZ = 6, 1.0 / 1800.0  # of mode changes by satellite: burst and average rate
-_NEVER_S = 1e9
+_NEVER_S = 1e9  # interval without reports
 _MINUTE_S = 60.0
 
 
@@ -54,7 +54,7 @@ class TelemetryPublisher:
                 peer.streams.postpone(_HOME_POSITION, now_s)
 
     def send_due(self, peers: Peers, tick_s: float, now_s: float) -> None:
-        """Queue the due rows of each peer within the free capacity of its line."""
+        """Queue the due rows of each peer within the free capacity of its line, heartbeats in any case."""
         due_rows = [(peer, rows) for peer in peers if (rows := peer.streams.due_rows(now_s, tick_s))]
         telemetry = self._context.telemetry_context() if due_rows else None
         if telemetry is None:

@@ -47,7 +47,7 @@ _MISSION_MODE_ACTIVE, _MISSION_MODE_SUSPENDED = 1, 2
 _COMPASS_ID, _CAL_MASK = 0, 1
 _COMPLETION_MASK_BYTES = 10
 _ATTEMPT = 1
-_NO_DIRECTION = (0.0, 0.0, 0.0)
+_NO_DIRECTION = (0.0, 0.0, 0.0)  # of the body
 
 _COMPASS_FAILURE = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
 _FAILURES = (
@@ -76,7 +76,7 @@ def sys_status(context: TelemetryContext) -> Message:
     errors_count1 counts skipped ticks.
     """
     boat = context.snapshot
-    fence = _FENCE if boat.mission.identities[1] else 0
+    fence = _FENCE if boat.mission.identities[PlanKind.FENCE] else 0
     present = _COMPASS_SENSORS | _RUDDER | _STORAGE | _PREARM | (0 if boat.position is None else _POSITION)
     present |= 0 if boat.power is None else _BATTERY
     states = (
@@ -169,9 +169,9 @@ def extended_sys_state(_context: TelemetryContext) -> Message:
 
 
 def fence_status(context: TelemetryContext) -> Message | None:
-    """Build FENCE_STATUS; None without a fence, unless a breach since start has to be cleared."""
+    """Build FENCE_STATUS; None without a fence, unless there was a breach since start."""
     boat, (count, latest_s) = context.snapshot, context.fence_breaches
-    if not (boat.mission.identities[1] or count):
+    if not (boat.mission.identities[PlanKind.FENCE] or count):
         return None
     is_breached = bool(boat.faults >> Fault.FENCE_BREACHED & 1)
     breach_type = mavlink.FENCE_BREACH_BOUNDARY if is_breached else mavlink.FENCE_BREACH_NONE
@@ -216,7 +216,7 @@ def mag_cal_report(context: TelemetryContext) -> Message | None:
 
 
 def swing_report_message(swing: SwingReport, *, is_saved: bool) -> Message:
-    """Build MAG_CAL_REPORT; its fitness is the residual in degrees. A swing has no field offsets."""
+    """Build MAG_CAL_REPORT without field offsets; its fitness is the residual or standard deviation in degrees."""
     fitness = degrees(swing.residual_after_rad or swing.sd_rad or 0.0)
     no_offsets = (0.0,) * 9
     return mavlink.MAVLink_mag_cal_report_message(
@@ -225,7 +225,7 @@ def swing_report_message(swing: SwingReport, *, is_saved: bool) -> Message:
 
 
 def high_latency2(context: TelemetryContext) -> Message:
-    """Build HIGH_LATENCY2; an unknown value is 0, since the message has no number for unknown.
+    """Build HIGH_LATENCY2; an unknown value is 0 where the message defines no number for unknown.
 
     If the failure flag of GPS is set, the position is dead-reckoned.
 
@@ -253,15 +253,15 @@ def high_latency2(context: TelemetryContext) -> Message:
         longitude=scaled_degrees(position.longitude_rad if position else None),
         altitude=to_integer(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),
         target_altitude=0,
-        heading=_half_degrees(boat.heading_rad if boat.heading_ok else None),
-        target_heading=_half_degrees(boat.goal_heading_rad),
+        heading=_two_degree_units(boat.heading_rad if boat.heading_ok else None),
+        target_heading=_two_degree_units(boat.goal_heading_rad),
         target_distance=to_integer(None if boat.distance_m is None else boat.distance_m / 10.0, 0, UINT16_MAX, 0),
         throttle=0,
         airspeed=_fifths(boat.water.speed_m_s if boat.water else None),
         airspeed_sp=0,
         groundspeed=_fifths(fix.speed_over_ground_m_s if fix else None),
         windspeed=_fifths(wind.mean_m_s if wind else None),
-        wind_heading=_half_degrees(wind.mean_from_rad if wind else None),
+        wind_heading=_two_degree_units(wind.mean_from_rad if wind else None),
         eph=UINT8_MAX,
         epv=UINT8_MAX,
         temperature_air=0,
@@ -283,7 +283,7 @@ def _item_number(context: TelemetryContext) -> float | None:
     return None if index is None else index + first_item_number(context.autopilot, PlanKind.MISSION)
 
 
-def _half_degrees(angle_rad: float | None) -> int:
+def _two_degree_units(angle_rad: float | None) -> int:
     """Convert a heading to units of 2 degrees; 0 if it is unknown."""
     if angle_rad is None or not math.isfinite(angle_rad):
         return 0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.urls import LinkClass
 
-MIN_INTERVAL_S = 0.02  # of the fastest loop, 50 Hz
+MIN_INTERVAL_S = 0.02  # tick interval of the fastest loop, 50 Hz
 # Ground stations request high rates by default; a satellite link rejects them.
 MIN_SATELLITE_INTERVAL_S = 10.0
 MIN_PAID_INTERVAL_S = 600.0  # LinkClass.MESSAGES: each message is paid

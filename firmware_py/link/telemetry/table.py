@@ -83,7 +83,7 @@ NAMED_VALUES: tuple[NamedValue, ...] = (
     # Number of stored versions of parameters, plans, record and key since start, and their size in MB.
     NamedValue("STO_WRITES", lambda context: _get(context.written, lambda written: float(written[0])), 0.1, 0.01),
     NamedValue("STO_MB", lambda context: _get(context.written, lambda written: written[1] * 1e-6), 0.1, 0.01),
-    # Rudder travel in degrees and reversals of about the last hour.
+    # Rudder travel in degrees per hour, and reversals per hour, over about the last hour.
     NamedValue(
         "RUD_TRAVEL",
         lambda context: _get(context.snapshot.energy, lambda energy: degrees(energy.travel_rad_per_h)),
@@ -93,34 +93,35 @@ NAMED_VALUES: tuple[NamedValue, ...] = (
     NamedValue(
         "RUD_REVERS", lambda context: _get(context.snapshot.energy, lambda energy: energy.reversals_per_h), 0.2, 0.02
     ),
-    # Gain reduction after a detected limit cycle.
+    # Factor by which the proportional gain is reduced after a detected limit cycle (1: not reduced).
     NamedValue("HELM_SOFT", lambda context: context.snapshot.gain_reduction, 0.2, 0.02),
-    # Energy of the servo since start, and its power; power of the solar panels at the output of the charger, and of all
-    # loads.
+    # Energy of the servo since start in Wh, and its power in W; power in W of the solar panels at the output of the
+    # charger, and of all loads.
     NamedValue("RUD_WH", _servo_watt_hours, 0.2, 0.02),
     NamedValue("RUD_WATT", lambda context: _get(context.snapshot.energy, lambda energy: energy.power_w), 0.2, 0.02),
     NamedValue("SOLAR_W", lambda context: _get(context.snapshot.power, lambda power: power.solar_w), 0.2, 0.02),
     NamedValue("LOAD_W", lambda context: _get(context.snapshot.power, lambda power: power.load_w), 0.2, 0.02),
     # Source of the heading: compass A 0, compass B 1, course over ground 2, none 3.
     _estimate("HDG_SRC", lambda estimate: float(estimate.source), 0.5),
-    # Heading without waves: standard deviation, innovation, average normalised innovation squared (1: consistent).
+    # Heading without waves: standard deviation and innovation in degrees, average normalised innovation squared (1:
+    # consistent).
     _estimate("HDG_SD", lambda estimate: degrees(estimate.heading_sd_rad), 0.5),
     _estimate("HDG_INNOV", lambda estimate: degrees(estimate.innovation_rad), 1.0, 0.0),
     _estimate("HDG_NIS", lambda estimate: estimate.innovation_square),
-    # Rudder bias; diffusion of the heading by disturbances in deg^2/s.
+    # Rudder bias in degrees; diffusion of the heading by disturbances in deg^2/s.
     _estimate("TRIM", lambda estimate: degrees(estimate.bias_rad)),
     _estimate("YAW_DIFF", lambda estimate: degrees(degrees(estimate.yaw_diffusion_rad2_s))),
     # Mean square error of predictions over half a minute divided by their variance (1: consistent).
     _estimate("PRED_SQ", lambda estimate: estimate.prediction_square),
-    # Wave-frequency yaw.
+    # Wave-frequency yaw: standard deviation in degrees, period in seconds.
     _estimate("WAVE_SD", lambda estimate: degrees(estimate.wave_sd_rad)),
     _estimate("WAVE_T", lambda estimate: estimate.wave_period_s),
-    # Speed through the water, and the current with its larger standard deviation.
+    # Speed through the water, and the current with its larger standard deviation, in m/s.
     _water("WATER_SPD", lambda water: water.speed_m_s, 0.5, 0.05),
     _water("CURR_N", lambda water: water.current_north_m_s),
     _water("CURR_E", lambda water: water.current_east_m_s),
     _water("CURR_SD", lambda water: water.current_sd_m_s),
-    # Direction of the velocity through water relative to the heading, positive to starboard.
+    # Direction of the velocity through water relative to the heading, in degrees, positive to starboard.
     _water("LEEWAY", lambda water: degrees(water.leeway_rad)),
 )
 
