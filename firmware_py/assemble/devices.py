@@ -81,8 +81,8 @@ def _ignore_text(_text: str) -> None:
 def open_devices(vehicle: Vehicle, *, wait: bool, report: Callable[[str], None] = _ignore_text) -> Devices:
     """Open the ports and create the drivers.
 
-    Raises PortError for a port that cannot be opened, unless `wait`: then `report` gets the reason, and it is opened
-    when it appears.
+    Raises PortError for a port that cannot be opened, unless `wait`: then `report` gets the reason, and the port is
+    opened when it appears.
     """
     lines: list[Line] = []
     shared = _share_lines(vehicle, lines)

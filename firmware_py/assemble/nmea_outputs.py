@@ -64,7 +64,7 @@ def connect_nmea_outputs(outputs: Sequence[NmeaOutput], parts: LoopParts) -> Non
 
 
 def declination_rad(state: State) -> float:
-    """Return the declination: by the model if selected and known, else by the parameter."""
+    """Return the declination, positive to the east: by the model if selected and known, else by the parameter."""
     parameters = parameters_in_force(state)
     by_model = state.heading_estimator.declination.declination_rad if parameters["CMP_DECL_AUTO"] == 1 else None
     return radians(parameters["CMP_DECL_DEG"]) if by_model is None else by_model

@@ -82,6 +82,7 @@ def _read_versions(commit: str) -> dict[str, str]:
 
 
 def _ports_by_role(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
+    """Return driver and port of each device."""
     entries = {
         DeviceRole.COMPASS: vehicle.compass,
         DeviceRole.COMPASS_B: vehicle.compass_b,

@@ -26,7 +26,7 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.store import Store
 
 EARLY_ENDINGS_PER_STAGE: Final = 3  # stages: parameters of the store, of the vehicle file, built in
-MAX_REPORTED: Final = 10
+MAX_REPORTED: Final = 10  # parameters
 STEERING_PREFIXES: Final = (
     "AIS_", "CMP", "COG_", "CRUISE_", "CTL_", "EST_", "LOIT_", "LOOP_", "MDL_", "NAV_", "POS_", "RUD_", "STK_", "WP_",
 )  # fmt: skip

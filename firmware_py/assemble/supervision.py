@@ -42,7 +42,8 @@ class Supervision:
     ) -> None:
         """Start the watchdogs, and report the ends of earlier runs.
 
-        Raises WatchdogError if the watchdog device cannot be opened, unless `wait`: then it is only reported.
+        `hardware` is the path of the watchdog device. Raises WatchdogError if it cannot be opened, unless `wait`: then
+        this is only reported.
         """
         self._store = parts.store
         for event in parts.notices:

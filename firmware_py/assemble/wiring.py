@@ -71,8 +71,8 @@ class Options(msgspec.Struct, frozen=True):
 
     state_directory: Path
     link_urls: tuple[str, ...] = ()
-    wait: bool = False
-    lockstep: str | None = None
+    wait: bool = False  # for ports, links and storage that are missing at the start
+    lockstep: str | None = None  # socket of the HIL; None: real time
     status: bool = False  # also in lockstep
     may_set_clock: bool = False
     runtime: Path | None = None  # directory with the reports on the end of the last run
