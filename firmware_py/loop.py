@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 # The link is not served within this time before a deadline.
 GUARD_S = 0.003
-# A link that uses more than this fraction of a period, or of the one before, has a longer guard time, or this fraction
-# of a short period. Virtual machines and overheated boards may become ten times slower for some milliseconds: a running
-# call must end before the tick even then.
+# If the link used more than LINK_BUSY_FRACTION of this period or of the one before, the guard time is BUSY_GUARD_S,
+# at most BUSY_GUARD_FRACTION of the period. Virtual machines and overheated boards may become ten times slower for
+# some milliseconds: a running call must end before the tick even then.
 LINK_BUSY_FRACTION = 0.1
 BUSY_GUARD_S = 0.012
 BUSY_GUARD_FRACTION = 0.5
@@ -57,8 +57,9 @@ MAX_LINK_FRACTION = 0.75
 # The sample of the compass that the ticks are locked to arrives shortly before the deadline and starts the tick, which
 # saves another wake-up of the processor. It starts at most this time early.
 MAX_EARLY_S = 2.0 * LOCK_MARGIN_S
-COLLECT_INTERVAL_S = 60.0
+COLLECT_INTERVAL_S = 60.0  # of the garbage collection
 WATCHDOG_INTERVAL_S = 1.0  # the timeouts of the watchdogs are several intervals
+# Centring of the rudder at the end of a run: maximum time, interval of the command, error of a centred rudder.
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
@@ -96,7 +97,7 @@ class LoopParts:
     liveness: Liveness = field(default_factory=Liveness)
     tick_on_compass: bool = False  # whether a compass sample may start a tick; not in lockstep
     early_headings: tuple[HeadingSample, ...] = ()  # of the compass that has started the tick
-    samples: int = 0  # number from all devices since the start
+    samples: int = 0  # number of heading, position and servo samples since the start
     watchdog_due_s: float = -math.inf
     prompt_devices: tuple[Device, ...] = field(init=False)  # read as bytes arrive, for exact time stamps
     devices: tuple[Device, ...] = field(init=False)  # read at least once a tick
@@ -157,6 +158,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     The last tick does not reopen ports: a pty of a harness that has ended may belong to another process by now.
     """
     clock, now_s = parts.clock, tick.t_s + tick.late_s
+    # Early headings: the compass, the first device, has been read.
     for device in parts.devices[1:] if parts.early_headings else parts.devices:
         device.receive(now_s)
     headings = (*parts.early_headings, *parts.compass.poll())
@@ -218,8 +220,8 @@ def _serve_watchdogs(parts: LoopParts, now_s: float) -> None:
     hanging = tuple(part for part in stuck if part.thread is not None and is_in_uninterruptible_wait(part.thread))
     for part in stuck:
         if part not in hanging:
-            done = "has ended" if not part.alive else f"no progress for {part.patience_s:.0f} s"
-            raise StuckError(f"{part.name}: {done}")
+            problem = "has ended" if not part.alive else f"no progress for {part.patience_s:.0f} s"
+            raise StuckError(f"{part.name}: {problem}")
     parts.health.blocked_threads = ", ".join(part.name for part in hanging)
     modes = parts.autopilot.state.modes
     watchdogs.notify_alive(now_s, f"{modes.mode.name}, {'armed' if modes.armed else 'disarmed'}")
@@ -284,8 +286,8 @@ def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bo
 
 def _prompt_descriptors(parts: LoopParts) -> dict[int, Device]:
     """Return the devices to read before the tick by descriptor; the rudder only while it needs prompt I/O."""
-    early_headings = (*parts.prompt_devices, parts.rudder) if parts.rudder.needs_prompt_io() else parts.prompt_devices
-    descriptors = {device.fileno(): device for device in early_headings}
+    devices = (*parts.prompt_devices, parts.rudder) if parts.rudder.needs_prompt_io() else parts.prompt_devices
+    descriptors = {device.fileno(): device for device in devices}
     descriptors.pop(-1, None)
     return descriptors
 

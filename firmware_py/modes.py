@@ -36,7 +36,10 @@ MAX_BENCH_S = 60.0
 
 
 class HeadingGoal(msgspec.Struct, frozen=True, tag=True):
-    """A heading or, over ground, a course; `turn` is +-1 during a turn the long way."""
+    """A heading or, over ground, a course, from true north.
+
+    `turn` is 1 (to starboard) or -1 (to port) during a turn the long way.
+    """
 
     heading_rad: float
     over_ground: bool = False
@@ -51,8 +54,9 @@ class PositionGoal(msgspec.Struct, frozen=True, tag=True):
 
 
 class ModeState(msgspec.Struct, frozen=True):
-    """Mode, arming, goal, stick, and bench rudder deflection with its end.
+    """Mode, arming, goal, stick with the time of its last command, and bench rudder deflection with its end.
 
+    `stick` and `bench` are -1 (full port) to 1 (full starboard), None if released.
     `by_failsafe`: a failsafe has chosen the mode, and there was no command since.
     """
 
@@ -80,7 +84,7 @@ class Situation(msgspec.Struct, frozen=True):
     rudder_ok: bool
     mission_ok: bool = False  # a mission is loaded
     home_ok: bool = False  # home is set, or a rally point loaded
-    dead_reckoning_sd_m: float | None = None  # position error while dead reckoning is used
+    dead_reckoning_sd_m: float | None = None  # of the position, while dead reckoning is used
     fence_breached: bool = False
     fault: str = ""  # text of an active fault that prevents arming
 

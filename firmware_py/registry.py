@@ -29,7 +29,7 @@ class Registry(Mapping[str, ObjectT]):
     """
 
     def __init__(self, group: str, kind: str, own: Mapping[str, str], expected: type[ObjectT], interface: int) -> None:
-        """Define the kind; `expected` and `interface` are the class of an object and its supported version."""
+        """Define the kind; `expected` is the class of an object, `interface` its required version."""
         self.own = own
         self.kind = kind
         self._group = group
@@ -66,12 +66,12 @@ class Registry(Mapping[str, ObjectT]):
         """The entry points of this kind by name."""
         from importlib.metadata import entry_points  # noqa: PLC0415 - only for a name that is not our own
 
-        found: dict[str, list[EntryPoint]] = {}
+        points: dict[str, list[EntryPoint]] = {}
         for point in entry_points(group=self._group):
             kind, _, name = point.name.partition(".")
-            if kind == self.kind and name and point not in found.setdefault(name, []):
-                found[name].append(point)
-        return found
+            if kind == self.kind and name and point not in points.setdefault(name, []):
+                points[name].append(point)
+        return points
 
     def _load_installed(self, name: str) -> ObjectT:
         points = self._installed.get(name, [])
@@ -84,18 +84,18 @@ class Registry(Mapping[str, ObjectT]):
             )
         (package,) = packages
         try:
-            found: Any = points[0].load()
+            obj: Any = points[0].load()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - code of another author
             text = f"{type(error).__name__}: {error}"[:120]
             raise PackageError(f"package {package}: {points[0].value}: {text}; correct or remove it") from None
-        if not isinstance(found, self._expected):
+        if not isinstance(obj, self._expected):
             raise PackageError(f"package {package}: {points[0].value} is not a {self._expected.__name__}; update it")
-        if (interface := getattr(found, "interface", None)) != self._interface:
+        if (interface := getattr(obj, "interface", None)) != self._interface:
             raise PackageError(
                 f"package {package} is for interface version {interface}, this program has version {self._interface}; "
                 "install another version of the package"
             )
-        return found
+        return obj
 
 
 def find_unused_entry_points(group: str, registries: Mapping[str, Registry[Any]]) -> list[str]:

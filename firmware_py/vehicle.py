@@ -196,10 +196,10 @@ def _sharing_problem(first: str, one: DeviceEntry, name: str, other: DeviceEntry
 
 
 def _read_all(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
-    """Return the value of the first read, a check of names, and the values of the others by name.
+    """Call all functions; return the result of the first, which checks names, and those of the others by name.
 
-    Raises VehicleError with all problems. If a name is unknown, `missing` keys are not reported, because a name may be
-    misspelled.
+    Raises VehicleError with all problems. If the check of names fails, problems that contain the text `missing` are not
+    reported, because a name may be misspelled.
     """
     values: dict[str, Any] = {}
     problems: dict[str, list[str]] = {}
@@ -276,22 +276,22 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
         raise VehicleError(
             f"{location} driver {str(driver)[:60]!r} is not known; use one of {known}, or install its package"
         )
-    found = drivers[driver]
-    kind = found.options
+    spec = drivers[driver]
+    options_type = spec.options
     # The options of an unusable driver cannot be checked; the boat starts without this device.
-    own = {key: value for key, value in section.items() if key not in _CONNECTION and not found.problem}
-    names = tuple(row.name for row in fields(kind))
+    own = {key: value for key, value in section.items() if key not in _CONNECTION and not spec.problem}
+    names = tuple(field.name for field in fields(options_type))
     connection_values = {key: section[key] for key in _CONNECTION if key in section}
     port = str(section.get("port"))
     by_network = port.startswith(NETWORK)
-    if not port.startswith(found.port) or (port.startswith(PWM) and not found.port and not found.problem):
-        example = PWM_EXAMPLE if found.port == PWM else "a serial port"
+    if not port.startswith(spec.port) or (port.startswith(PWM) and not spec.port and not spec.problem):
+        example = PWM_EXAMPLE if spec.port == PWM else "a serial port"
         raise VehicleError(f"{location} port: driver {driver} needs {example}")
-    if port.startswith("can:") and not (found.writes or found.reads_can or found.problem):
+    if port.startswith("can:") and not (spec.writes or spec.reads_can or spec.problem):
         drivers_of_can = ", ".join(row for row in drivers.own if drivers[row].reads_can)
         remedy = f"use driver {drivers_of_can}" if drivers_of_can else "it needs a serial port"
         raise VehicleError(f"{location} port: driver {driver} reads no CAN bus; {remedy}")
-    if by_network and found.writes:
+    if by_network and spec.writes:
         raise VehicleError(f"{location} port: driver {driver} writes to its device and needs a serial port")
     if section.get("port") and "baud" not in section and not port.startswith(("/", PWM, *NETWORK)):
         raise VehicleError(
@@ -302,9 +302,11 @@ def read_device(name: str, section: Mapping[str, Any], location: str) -> DeviceE
         {
             "names": lambda: _check_options(own, driver, names, location),
             "connection": lambda: _read_record(
-                _Connection, ({"baud": _NO_BAUD} if by_network or found.port else {}) | connection_values, location
+                _Connection, ({"baud": _NO_BAUD} if by_network or spec.port else {}) | connection_values, location
             ),
-            "options": lambda: _read_record(kind, {key: value for key, value in own.items() if key in names}, location),
+            "options": lambda: _read_record(
+                options_type, {key: value for key, value in own.items() if key in names}, location
+            ),
         }
     )
     connection: _Connection = values["connection"]
