@@ -87,7 +87,10 @@ class Gate:
         return self.accepts_mavlink1 or data[0] == _MAVLINK2
 
     def _verify(self, data: bytes, options: LinkOptions) -> bool | None:
-        """Return whether the signature of a frame is valid; None for an unsigned frame, or without a key."""
+        """Return whether the signature of a frame is valid; None for an unsigned frame, or without a key.
+
+        A frame from a satellite link that `mark_signed` has marked is valid, also without a key.
+        """
         if options.link_class is LinkClass.MESSAGES and data in self._signed_frames:
             self._signed_frames.remove(data)
             return True
@@ -157,7 +160,7 @@ READING_MESSAGES = frozenset(
 )
 # MAVLink FTP: none, terminate and reset sessions, list, open and read, checksum, burst, list with times.
 _READING_OPCODES = frozenset({0, 1, 2, 3, 4, 5, 14, 15, 16})
-_OPCODE_INDEX = 3  # in the payload
+_OPCODE_INDEX = 3  # of the byte with the opcode, in the payload of file transfer
 
 
 def make_reading_test(reading_commands: frozenset[int]) -> Callable[[int, Message], bool]:

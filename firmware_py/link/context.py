@@ -36,9 +36,11 @@ class Suppliers(msgspec.Struct, frozen=True):
 
     utc_s: Callable[[], float]
     load: Callable[[], float]  # of one processor core, 0 to 1
-    offer_utc: Callable[[float, float], None] | None = None  # arguments: UTC of a ground station, time of reception
+    offer_utc: Callable[[float, float], None] | None = None  # UTC of a ground station, time of reception [s]
     calibrator: Calibrator | None = None  # of a compass that calibrates itself
-    written: Callable[[], tuple[int, int] | None] = lambda: None  # number and bytes of the stored versions of the state
+    written: Callable[[], tuple[int, int] | None] = lambda: (
+        None
+    )  # versions of the state written since the start, their bytes
 
 
 class LinkContext:
@@ -57,12 +59,12 @@ class LinkContext:
         self.codec = Codec(self.system, self.component)
         self._text_number = 0
         self.snapshot: Snapshot | None = None
-        self.refused_frames = 0
+        self.refused_frames = 0  # damaged, rejected and ignored ones on all links, for telemetry
         self.intended_mode: int | None = None  # custom_mode of the latest accepted request
         self.home_report_due = False  # after a request to set home, even to the same position
         self.high_latency = False  # whether HIGH_LATENCY2 is requested on satellite links
-        self.override_us: tuple[float, int] | None = None  # time and pulse of the latest override of channel 1
-        self.fence_breaches: tuple[int, float] = (0, 0.0)  # number since start, time of the latest
+        self.override_us: tuple[float, int] | None = None  # time [s], pulse width [us] of the latest one
+        self.fence_breaches: tuple[int, float] = (0, 0.0)  # number since start, time of the latest [s]
         self.now_s = 0.0  # time of the latest call of the loop
         self.peers: Iterable[Peer] = ()
         self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # active and pending
@@ -128,7 +130,7 @@ class LinkContext:
                 peer.outbox.push(packed, priority)
 
     def flush_all(self) -> None:
-        """Send all queued frames, outside a call of the loop."""
+        """Send the queued frames of the active peers at once, for callbacks between two calls of the loop."""
         for peer in self.peers:
             peer.outbox.flush(self.now_s)
 
@@ -195,7 +197,10 @@ class LinkContext:
         return answer
 
     def request_or_warn(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
-        """Request the intent of a message without acknowledgement; send the reason of a refusal as a warning."""
+        """Request the intent of a message without acknowledgement; send the reason of a refusal as a warning.
+
+        `intent` is a text if the message is invalid: the reason of its refusal.
+        """
         name = type(message).msgname
         if isinstance(intent, str):
             self.send_text_limited(peer, Severity.WARNING, f"{name}: {intent}", now_s)

@@ -45,7 +45,7 @@ _MAX_FRAMES_PER_CALL = 4
 _MAX_BYTES_PER_CALL = 256  # searched for frames; the last piece may exceed it
 _MAX_PIECE_BYTES = 320
 _NEW_PEER_BYTES = 64  # whose search takes as long as the creation of a peer
-_MAX_BURST_NOTICES, _MAX_NOTICES_HZ = 4, 1.0 / 30.0  # of rejected peers
+_MAX_BURST_NOTICES, _MAX_NOTICES_HZ = 4, 1.0 / 30.0  # of `notify`
 NO_STORAGE = FileRoot()
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
@@ -85,9 +85,10 @@ class Endpoint:
         """Store opened transports and the functions of the rest of the program.
 
         `load` returns the load of a processor core, 0 to 1. `vault` stores the signing key and its timestamps.
-        `offer_utc` takes the UTC of a ground station and the time of its reception. `calibrator` is the compass, if it
-        can calibrate itself. `storage` names the files for file transfer and log download, `written` returns the number
-        of stored versions of the state and their bytes. `start_events` are sent to every station that connects later.
+        `offer_utc` takes the UTC of a ground station and the time of its reception, both in seconds. `calibrator` is
+        the compass, if it can calibrate itself. `storage` names the files for file transfer and log download. `written`
+        returns the number of versions of the state that were written since the start and their bytes, None without
+        storage. `start_events` are sent to every station that connects later.
         """
         self._transports = tuple(transports)
         self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator, written), version)
@@ -274,7 +275,10 @@ class Endpoint:
     # ------------------------------------------------------------------ out
 
     def greet(self, peer: Peer, now_s: float) -> None:
-        """Send a new active peer a heartbeat, the start events and the recent warnings."""
+        """Send a new active peer a heartbeat, the start events and the recent warnings.
+
+        A satellite peer is sent none of them, but HIGH_LATENCY2 if it is requested.
+        """
         if peer.is_satellite:
             if self._context.high_latency:
                 peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
@@ -286,7 +290,7 @@ class Endpoint:
             self._context.send_text(peer, event.severity, event.text)
 
     def announce(self, peer: Peer) -> None:
-        """Queue the periodic messages to a pending peer."""
+        """Queue a heartbeat, and before it the arming checks if the peer may need them (see `introduce`)."""
         self._context.introduce(peer)
         self.send_heartbeat(peer)
 
@@ -295,14 +299,14 @@ class Endpoint:
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
 
     def notify(self, text: str, now_s: float) -> None:
-        """Report a rejected peer or an overload to all stations, at a limited rate."""
+        """Report an event of peers, links or routing to all stations, at a limited rate."""
         if self._notices.spend_one(now_s):
             self._context.send_text_all(Severity.NOTICE, text)
 
     def _report_changes(self, snapshot: Snapshot, now_s: float) -> None:
         """Store the snapshot after a tick, and make changed messages due."""
         previous = self._context.snapshot
-        self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
+        self._context.refused_frames = self._peers.damaged_frames() + self._peers.rejected + self._gate.refused_frames
         self._gate.accepts_mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
         self._context.update_snapshot(snapshot)
         self._services.report_changes(previous, snapshot, now_s)

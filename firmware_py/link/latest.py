@@ -1,4 +1,4 @@
-"""A table of the latest few: what others send must not make it grow without bound."""
+"""Bounded table of the latest values, so that peers cannot fill the memory."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
-def keep_latest(table: OrderedDict[Key, Value], key: Key, value: Value, most: int) -> None:
-    """Keep a value as the latest; where there are more than so many, the one that was kept longest ago goes."""
+def keep_latest(table: OrderedDict[Key, Value], key: Key, value: Value, max_count: int) -> None:
+    """Store a value as the latest one; remove the oldest one if the table has more than `max_count`."""
     table[key] = value
     table.move_to_end(key)
-    if len(table) > most:
+    if len(table) > max_count:
         table.popitem(last=False)

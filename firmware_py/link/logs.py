@@ -18,16 +18,16 @@ from firmware_py.common.records import Severity
 from firmware_py.files.packed import PackedFile, PlainFile, open_log, packed_path
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peers import Peer
-from firmware_py.link.wire.dialect import Message
+from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.frames import Packed
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
 
 _LOG_DATA, _LOG_ENTRY = 120, 118
 _BLOCK_BYTES = 90
-_DATA = struct.Struct("<IHB")
-_ENTRY = struct.Struct("<IIHHH")
-_FRAME_BYTES = 12 + _DATA.size + _BLOCK_BYTES
+_DATA = struct.Struct("<IHB")  # offset, log number, bytes in the block; the block follows
+_ENTRY = struct.Struct("<IIHHH")  # UTC [s], size in bytes, log number, number of logs, last log number
+_FRAME_BYTES = 12 + _DATA.size + _BLOCK_BYTES  # header and checksum have 12 bytes
 _MAX_PEERS = 4  # served at the same time; each has a file open
 _SILENT_S = 10.0  # silence after which another peer may replace a download
 _MAX_RANGES = 64  # queued for one peer; MAVProxy requests up to twenty gaps together
@@ -40,12 +40,12 @@ class LogFile(NamedTuple):
     """Log at the time of the listing."""
 
     path: Path
-    size: int
+    size: int  # uncompressed, in bytes
     modified_s: int  # since 1970
 
 
 class _Range(NamedTuple):
-    """Requested part of a log; its end may exceed the log. The list may change before the part is sent."""
+    """Requested bytes of a log; `end` may exceed the log. The list may change before they are sent."""
 
     number: int
     log: LogFile
@@ -94,7 +94,12 @@ class LogServer:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the handlers by message number."""
-        return {117: self._list, 119: self._data, 121: self._erase, 122: self._end}
+        return {
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST: self._list,
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA: self._data,
+            mavlink.MAVLINK_MSG_ID_LOG_ERASE: self._erase,
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END: self._end,
+        }
 
     # ------------------------------------------------------------------ requests
 
@@ -189,6 +194,7 @@ class LogServer:
     # ------------------------------------------------------------------ replies
 
     def _download(self, peer: Peer) -> _Download | None:
+        """Return the download of a peer, a new one if it has none; None if the maximum number is active."""
         download = self._downloads.get(peer)
         if download is None:
             self._remove_old_downloads(self._context.now_s)
@@ -212,7 +218,7 @@ class LogServer:
         if not count:
             yield self._context.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
             return
-        # All logs once, or the requested numbers.
+        # Numbers 0 and `count` are the same log: a request for all numbers from 0 on gets it once.
         last = min(end, count if start > 0 or end <= count else count - 1)
         for number in range(start, last + 1):
             log = logs[number % count]

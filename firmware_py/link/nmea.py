@@ -184,7 +184,10 @@ def _apb(data: NmeaData) -> Fields:
 
 
 def _line_rad(snapshot: Snapshot) -> float | None:
-    """Return the direction of the line to the waypoint; None if it is unknown or the boat is beyond it."""
+    """Return the direction of the line to the waypoint.
+
+    Return None if it is unknown, or if the boat is not farther from the waypoint than from the line.
+    """
     bearing_rad, distance_m, off_m = snapshot.bearing_rad, snapshot.distance_m, snapshot.navigation.cross_track_m
     if bearing_rad is None or distance_m is None or off_m is None or abs(off_m) >= distance_m:
         return None

@@ -69,7 +69,11 @@ _DUPLICATE_REPORT_S = 600.0  # minimum interval of reports
 
 
 class PeerPath:
-    """Path to the boat from one station; `origin` is the transport and the computer of the station."""
+    """Path to the boat from one station; `origin` is the transport and the computer of the station.
+
+    `station` is an object that all paths of one station share. `since_s` and `latest_s` are the times of the start and
+    of the latest frame.
+    """
 
     __slots__ = ("identical_frames", "latest_s", "origin", "since_s", "station")
 
@@ -109,7 +113,9 @@ class PeerPaths:
         self._senders: OrderedDict[Sender, _SenderFrames] = OrderedDict()
 
     def is_duplicate(self, path: PeerPath, frame: bytes, now_s: float) -> bool:
-        """Return whether a frame was received on another path of its station; assign the path to that station.
+        """Return whether a frame was received on another path of its station.
+
+        After several identical frames on both, the path is assigned to the station of the other path.
 
         A frame that is received twice on one path is not a duplicate here: the services handle it.
         """
@@ -230,7 +236,7 @@ class Peer:
 
     @property
     def is_satellite(self) -> bool:
-        """Whether its link is charged by data, so that only requested messages are sent."""
+        """Whether its link is charged by data or by message, so that mostly requested messages are sent."""
         return self.link_class is LinkClass.SATELLITE or self.has_paid_messages
 
     @property
@@ -401,13 +407,13 @@ class PeerObserver(Protocol):
         """Send a new active peer its first messages."""
 
     def announce(self, peer: Peer) -> None:
-        """Queue the periodic messages to a pending peer."""
+        """Queue a heartbeat, and before it the arming checks if the peer may need them."""
 
     def send_heartbeat(self, peer: Peer) -> None:
         """Queue a heartbeat only."""
 
     def notify(self, text: str, now_s: float) -> None:
-        """Report a rejected peer to the stations."""
+        """Report a rejected or removed peer, or a blocked link, to the stations."""
 
 
 class Peers:
@@ -455,7 +461,7 @@ class Peers:
         """Return whether there is an active peer with this address."""
         return (index, address) in self._active
 
-    def refused_frames(self) -> int:
+    def damaged_frames(self) -> int:
         """Return the number of damaged frames from all peers since start."""
         return self._removed_peers_rejected + sum([peer.splitter.rejected for peer in self.all_peers()])
 

@@ -29,18 +29,18 @@ _MAX_QUEUED = 32  # a peer with this number of queued messages receives no route
 _OVERLOAD = f"Routing overload: over {MAX_RATE_HZ:g} messages/s, some dropped"
 _MAVLINK2, _HEADER2_BYTES, _HEADER1_BYTES = 0xFD, 10, 6
 
-Address = tuple[int, int]  # MAVLink system and component
+MavlinkAddress = tuple[int, int]  # system and component
 
 
 class Router:
     """Learns routes, and forwards frames without change, with their signatures and sequence numbers."""
 
-    def __init__(self, own: Address, peers: Iterable[Peer], notify: Callable[[str, float], None]) -> None:
+    def __init__(self, own: MavlinkAddress, peers: Iterable[Peer], notify: Callable[[str, float], None]) -> None:
         """Store the boat's own address, the active peers, and the function that notifies the operator."""
         self._own = own
         self._peers = peers
         self.notify = notify
-        self._routes: OrderedDict[Address, tuple[Peer, float]] = OrderedDict()  # peer, time of the latest frame
+        self._routes: OrderedDict[MavlinkAddress, tuple[Peer, float]] = OrderedDict()  # peer, time of the latest frame
         self._recent_frames: OrderedDict[int, float] = OrderedDict()  # time by the hash of the frame
         self._tokens = TokenBucket(MAX_BURST, MAX_RATE_HZ)
 
@@ -55,7 +55,7 @@ class Router:
             if permission is Permission.COMMANDER and self._learn_route(_source(frame.data), peer, present, now_s):
                 self._forward(peer, frame, present, now_s)
 
-    def _learn_route(self, source: Address, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:
+    def _learn_route(self, source: MavlinkAddress, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:
         """Learn the route to a sender; return False for the boat's own address and if another peer is the route."""
         if source == self._own:
             return False
@@ -80,7 +80,7 @@ class Router:
             if other.outbox.queued_count(priority) < _MAX_QUEUED:
                 other.outbox.push(Packed(frame.data, b""), priority)
 
-    def _recipients(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:
+    def _recipients(self, target: MavlinkAddress, present: Iterable[Peer]) -> Iterable[Peer]:
         """Return the peers with a route to the target; all peers for a broadcast."""
         system, component = target
         if not system:
@@ -103,11 +103,11 @@ class Router:
         return False
 
 
-def _source(data: bytes) -> Address:
+def _source(data: bytes) -> MavlinkAddress:
     return (data[5], data[6]) if data[0] == _MAVLINK2 else (data[3], data[4])
 
 
-def _target(frame: Frame) -> Address:
+def _target(frame: Frame) -> MavlinkAddress:
     """Return the target address of a frame; a missing system or component is 0, which means all."""
     data, offsets = frame.data, _TARGET_OFFSETS.get(frame.number, ())
     start = _HEADER2_BYTES if data[0] == _MAVLINK2 else _HEADER1_BYTES

@@ -19,7 +19,7 @@ from firmware_py.link.wire.dialect import Message, encode_text, mavlink
 from firmware_py.link.wire.outbox import Priority
 
 _MAX_STORED_PINGS = 32
-_MAX_UTC_S = 1e11
+_MAX_UTC_S = 1e11  # a later UTC of a ground station is ignored
 
 _SERIAL_CONTROL = 126
 _REPLY_FLAG = mavlink.SERIAL_CONTROL_FLAG_REPLY
@@ -32,8 +32,8 @@ MIN_BATTERY_INTERVAL_S = 0.5
 _UNTRUSTED = "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL"
 
 _DENIED = mavlink.MAV_RESULT_DENIED
-_NAK, _FAIL_PROTECTED = 129, 9
-_PAYLOAD_BYTES = 251
+_NAK, _FAIL_PROTECTED = 129, 9  # of file transfer: opcode, error code FileProtected
+_PAYLOAD_BYTES = 251  # of file transfer
 
 
 class Timesync:
@@ -46,7 +46,11 @@ class Timesync:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the handlers by message number."""
-        return {2: self._system_time, 4: self._ping, 111: self._timesync}
+        return {
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self._system_time,
+            mavlink.MAVLINK_MSG_ID_PING: self._ping,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
+        }
 
     def _ping(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         """Reply to a broadcast ping, and once to a ping that is addressed to the boat.
@@ -68,7 +72,9 @@ class Timesync:
         if message.tc1:
             return
         sender, component = message.get_srcSystem(), message.get_srcComponent()
-        reply = mavlink.mavlink_map[111](int(now_s * 1e9), message.ts1, sender, component)
+        reply = mavlink.mavlink_map[111](  # TIMESYNC
+            int(now_s * 1e9), message.ts1, sender, component
+        )
         self._context.send(peer, reply, Priority.URGENT)
 
     def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -130,7 +136,7 @@ def is_from_companion(context: LinkContext, message: Message) -> bool:
 
 
 def battery_report(message: Message) -> ReportBattery:
-    """Convert BATTERY_STATUS, in which a discharge current is positive, to a report."""
+    """Convert BATTERY_STATUS to a report; a discharge current is positive there and negative in the report."""
     millivolts = _known_cells(message.voltages, UINT16_MAX) + _known_cells(message.voltages_ext, 0)
     centiamperes, percent = message.current_battery, message.battery_remaining
     return ReportBattery(
@@ -224,6 +230,7 @@ def _deny_mission(message: Message, system: int, component: int) -> Message:
 def _deny_file(message: Message, system: int, component: int) -> Message:
     request = bytes(message.payload)
     sequence = (int.from_bytes(request[:2], "little") + 1) & 0xFFFF
+    # Sequence, session, opcode, size, requested opcode, end of burst, padding, offset, error code.
     header = (*sequence.to_bytes(2, "little"), request[2], _NAK, 1, request[3], 0, 0, *bytes(4), _FAIL_PROTECTED)
     payload = bytes(header).ljust(_PAYLOAD_BYTES, b"\0")
     return mavlink.MAVLink_file_transfer_protocol_message(0, system, component, payload)

@@ -34,13 +34,12 @@ SIGNATURE_BYTES = 13  # link, timestamp, signature
 SIGNED_FLAG = 0x01  # of the incompatibility flags
 UNITS_HZ = 100_000  # units of the timestamp in a second
 EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
-MAX_NEW_STREAM_LAG = 60 * UNITS_HZ  # of the first timestamp of a stream lead the timestamp of the boat
-MAX_TIMESTAMP = (
-    80 * 365 * 86_400 * UNITS_HZ
-)  # later timestamps (from 2094) are refused; the range of 48 bits ends in 2104
+MAX_NEW_STREAM_LAG = 60 * UNITS_HZ  # of the first timestamp of a stream behind the timestamp of the boat
+# Later timestamps (from 2094) are refused; the range of 48 bits ends in 2104.
+MAX_TIMESTAMP = 80 * 365 * 86_400 * UNITS_HZ
 # The clock of the boat is used until 2084: if a wrong GPS time set it to the maximum, no timestamp would remain.
 MAX_OWN_TIMESTAMP = MAX_TIMESTAMP - 10 * 365 * 86_400 * UNITS_HZ
-STORED_LEAD = 15 * UNITS_HZ  # of the stored timestamps before those in use
+STORED_LEAD = 15 * UNITS_HZ  # of the stored timestamps ahead of those in use
 _TIMESTAMP_BYTES = 6
 
 
@@ -132,7 +131,7 @@ class Save(Protocol):
 
 
 def signature(key: bytes, covered: bytes) -> bytes:
-    """Return the signature of a frame; `covered` ends with the timestamp."""
+    """Return the 6 bytes of the signature of a frame; `covered` is the frame up to and including the timestamp."""
     return sha256(key + covered).digest()[:6]
 
 
@@ -189,7 +188,7 @@ class Signing:
     # ------------------------------------------------------------------ the key
 
     def restore(self, stored: Stored) -> KeyState:
-        """Restore the stored state."""
+        """Restore the stored state; return the state of the key."""
         finding = find_key(stored)
         self.problem = finding.problem
         if (record := finding.record) is not None:

@@ -1,4 +1,7 @@
-"""Conversion of plan items to and from MAVLink messages, home as item 0, and detection of duplicate messages."""
+"""Conversion of plan items to and from MAVLink messages, home as item 0, and detection of duplicate messages.
+
+`home_count` is the number of items before those of the plan: 1 if item 0 is home, as in a mission of ArduPilot, or 0.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,12 @@ from firmware_py.plans.items import Command, has_position
 from firmware_py.plans.problem import PlanProblem, PlanResult
 from firmware_py.plans.validation import item_problem
 
-KINDS = {int(kind): kind for kind in PlanKind}
+KINDS = {int(kind): kind for kind in PlanKind}  # by MAV_MISSION_TYPE
 NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}
 
 _ITEM_INT = mavlink.MAVLink_mission_item_int_message
 _ITEM = mavlink.MAVLink_mission_item_message
-_ACK = mavlink.mavlink_map[47]
+_ACK = mavlink.mavlink_map[47]  # MISSION_ACK
 _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _HOME_TOLERANCE = 1000  # 1e-7 deg: about 11 m
@@ -125,10 +128,11 @@ def acknowledge(
 
 
 class DuplicateMessages:
-    """The frame number of the latest message of each station, message type and plan type, of limited number."""
+    """Frame numbers of the latest messages by station, message type and plan type; bounded."""
 
     def __init__(self) -> None:
         """Start without messages."""
+        # By key: `count` of MISSION_COUNT and frame number, time of reception.
         self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int | None, int], float]] = OrderedDict()
 
     def is_duplicate(self, station: Station, message: Message, now_s: float) -> bool:

@@ -23,12 +23,12 @@ from firmware_py.plans.fence import Breach, find_breaches
 from firmware_py.plans.problem import PlanResult
 
 _ALL_KINDS = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
-_CURRENT_ID = 42
+_CURRENT_ID = 42  # MISSION_CURRENT
 _REACHED = mavlink.MAVLink_mission_item_reached_message
 
 KindHandler = Callable[[Peer, Message, PlanKind, float], None]
 
-_COUNT = mavlink.mavlink_map[44]
+_COUNT = mavlink.mavlink_map[44]  # MISSION_COUNT
 _REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT
 _MAX_DOWNLOADS = 16
 _MAX_PART_ITEMS = 16  # in a reply to MISSION_REQUEST_PARTIAL_LIST
@@ -52,17 +52,17 @@ class MissionServer:
         """Return the message handlers by message id."""
         send_item = self._with_kind(self._downloads.send_item)
         return {
-            37: self._with_kind(self._downloads.send_part),
-            38: self._with_kind(self._uploads.begin_part),
-            39: self._receive_item,
-            40: send_item,
-            41: self._set_current,
-            43: self._with_kind(self._downloads.send_count),
-            44: self._with_kind(self._uploads.begin),
-            45: self._clear,
-            47: self._end_transfer,
-            51: send_item,
-            73: self._receive_item,
+            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: self._with_kind(self._downloads.send_part),
+            mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: self._with_kind(self._uploads.begin_part),
+            mavlink.MAVLINK_MSG_ID_MISSION_ITEM: self._receive_item,
+            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST: send_item,
+            mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT: self._set_current,
+            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._with_kind(self._downloads.send_count),
+            mavlink.MAVLINK_MSG_ID_MISSION_COUNT: self._with_kind(self._uploads.begin),
+            mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: self._clear,
+            mavlink.MAVLINK_MSG_ID_MISSION_ACK: self._end_transfer,
+            _REQUEST_INT: send_item,
+            mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._receive_item,
         }
 
     def update(self, now_s: float) -> None:

@@ -39,7 +39,10 @@ _REQUESTS_PER_FORMAT = 2  # without a reply, the other request (MISSION_REQUEST 
 
 @dataclass(slots=True)
 class PlanUpload:
-    """Upload of the items [first_number, end_number) in the numbers of the station; `base` is the changed plan."""
+    """Upload of the items [first_number, end_number) in the numbers of the station.
+
+    `home_count` as in `items`. `base` is the plan of which a partial upload replaces items, None for a whole plan.
+    """
 
     kind: PlanKind
     owner: Station
@@ -70,7 +73,10 @@ class PlanUpload:
 
 
 class UploadResult(msgspec.Struct, frozen=True):
-    """The result of an upload, sent again if the station repeats its last item, or after a delay any other item."""
+    """The result of an upload, sent again if the station repeats its last item, or after a delay any other item.
+
+    `sequence` is the number of the last item, `identity` the opaque id of an accepted plan, otherwise 0.
+    """
 
     sequence: int
     result: PlanResult
@@ -248,6 +254,7 @@ class PlanUploads:
     def _refuse(
         self, station: Station, problem: PlanProblem, kind: PlanKind, now_s: float, mission_type: int | None = None
     ) -> None:
+        """Send a refusal; `mission_type` is that of the request, if it is to clear all plans."""
         acknowledged_type = int(kind) if mission_type is None else mission_type
         acknowledge(self._context, station.peer, station.sender, acknowledged_type, problem.result)
         reason = problem.message(first_item_number(self._context.autopilot, kind))

@@ -1,4 +1,7 @@
-"""Parameters as files: component metadata for ground stations, and ArduPilot's packed list."""
+"""Parameters as files: component metadata for ground stations, and ArduPilot's packed list.
+
+Source of the packed list: ArduPilot, libraries/AP_Filesystem/README.md.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +25,16 @@ ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 _PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER
 _URI = f"mftp://{DIRECTORY}/"
 _JSON_TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
-# The small decoders of ground stations support only this check. The files are compressed at each start: the highest
-# preset would save only 300 bytes.
+# The small xz decoders of ground stations support only CHECK_CRC32 and a small dictionary. The files are compressed at
+# each start: the highest preset would save only 300 bytes.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 2, "dict_size": 1 << 16}]
 
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
-_HEADER = struct.Struct("<HHH")
+_HEADER = struct.Struct("<HHH")  # magic, number of parameters in the file, number of all; in uploads see `unpack`
+# Each parameter: type and flags, lengths of common prefix and rest of the name, rest of the name, value.
 _PACKED_TYPES = {Kind.INTEGER: (3, "i"), Kind.REAL: (4, "f")}
-_FORMATS = {1: "b", 2: "h", 3: "i", 4: "f"}
-_HAS_DEFAULT = 0x10
+_FORMATS = {1: "b", 2: "h", 3: "i", 4: "f"}  # struct format by ArduPilot's type number
+_HAS_DEFAULT = 0x10  # flag beside the type: the default follows the value
 
 
 class Metadata:

@@ -33,8 +33,9 @@ _ERROR_OF_VERDICT = {
     Verdict.TEMPORARILY_REJECTED: mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED,
 }
 
-_REQUEST_READ, _REQUEST_LIST, _SET = 320, 321, 323
+_REQUEST_READ, _REQUEST_LIST, _SET = 320, 321, 323  # PARAM_EXT messages
 _EXTENDED_FRAME_BYTES = 174  # signed
+# Struct format by MAV_PARAM_EXT_TYPE.
 _LAYOUTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i", 7: "<Q", 8: "<q", 9: "<f", 10: "<d"}
 _ACCEPTED, _UNSUPPORTED = mavlink.PARAM_ACK_ACCEPTED, mavlink.PARAM_ACK_VALUE_UNSUPPORTED
 _FAILED = mavlink.PARAM_ACK_FAILED
@@ -54,7 +55,11 @@ class ParameterServer:
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the message handlers by message id."""
-        return {20: self._read, 21: self._list, 23: self._set}
+        return {
+            mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._read,
+            mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._list,
+            mavlink.MAVLINK_MSG_ID_PARAM_SET: self._set,
+        }
 
     def pump(self, peer: Peer, now_s: float) -> None:  # noqa: ARG002 - common interface of services
         """Send a peer its due rows and the next rows of its list, within the free capacity of its link."""

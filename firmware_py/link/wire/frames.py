@@ -20,41 +20,42 @@ LATE_S = 10.0  # maximum age of any incomplete frame; longer on a slow line
 MAX_FRAME_BYTES = 280
 _MARKER = re.compile(b"[\xfd\xfe]")
 MAVLINK1, _MAVLINK2 = 0xFE, 0xFD
-_HEADER_BYTES = {0xFD: 10, 0xFE: 6}
+_HEADER_BYTES = {_MAVLINK2: 10, MAVLINK1: 6}
 _SIGNED_FLAG = 0x01
 _SIGNATURE_BYTES = 13
 _INCOMPLETE = 0  # size of a possible frame whose end is missing
 
 _MAX_MAVLINK1_NUMBER = 255
 _RADIO_STATUS = 109  # sent by the modem, not by the peer
-_MIN_MAVLINK1_S = 10.0  # stations start with MAVLink 1 and change to MAVLink 2 after its first frame
+_MIN_MAVLINK1_S = 10.0  # some stations start with MAVLink 1 and change when they receive MAVLink 2
 _MIN_MAVLINK1_FRAMES = 5
 
 # Message id: payload bytes without extension fields, for the messages of the boat that have such fields.
 _BASE_BYTES: Mapping[int, int] = {
-    1: 31,
-    24: 30,
-    31: 32,
-    36: 21,
-    39: 37,
-    40: 4,
-    42: 2,
-    44: 4,
-    47: 3,
-    49: 12,
-    51: 4,
-    73: 37,
-    77: 3,
-    111: 16,
-    147: 36,
-    148: 60,
-    162: 8,
-    192: 44,
-    242: 52,
-    253: 51,
+    1: 31,  # SYS_STATUS
+    24: 30,  # GPS_RAW_INT
+    31: 32,  # ATTITUDE_QUATERNION
+    36: 21,  # SERVO_OUTPUT_RAW
+    39: 37,  # MISSION_ITEM
+    40: 4,  # MISSION_REQUEST
+    42: 2,  # MISSION_CURRENT
+    44: 4,  # MISSION_COUNT
+    47: 3,  # MISSION_ACK
+    49: 12,  # GPS_GLOBAL_ORIGIN
+    51: 4,  # MISSION_REQUEST_INT
+    73: 37,  # MISSION_ITEM_INT
+    77: 3,  # COMMAND_ACK
+    111: 16,  # TIMESYNC
+    147: 36,  # BATTERY_STATUS
+    148: 60,  # AUTOPILOT_VERSION
+    162: 8,  # FENCE_STATUS
+    192: 44,  # MAG_CAL_REPORT
+    242: 52,  # HOME_POSITION
+    253: 51,  # STATUSTEXT
 }
 
 
+# The seed of the checksum of a message (crc_extra), by message id.
 _SEEDS = {number: bytes((kind.crc_extra,)) for number, kind in mavlink.mavlink_map.items()}
 
 
@@ -88,7 +89,7 @@ def _sample_messages() -> tuple[Message, ...]:
         mavlink.MAVLink_attitude_message(*range(7)),
         mavlink.MAVLink_statustext_message(1, b"text"),
         mavlink.MAVLink_battery_status_message(*range(4), range(10), *range(4)),
-        mavlink.mavlink_map[436](*range(3)),
+        mavlink.mavlink_map[436](*range(3)),  # CURRENT_MODE
     )
 
 

@@ -68,7 +68,7 @@ class Outbox:
     A frame receives its sequence number when it is sent, so that a dropped message does not look like loss on the link.
     `dropped` counts messages that exceeded a queue or the credit and messages dropped from a queue.
 
-    `credit_bytes` limits the data to an unverified peer; None: no limit. `is_mavlink1_only`: messages are sent in
+    `credit_bytes` limits the data to an unproven peer; None: no limit. `is_mavlink1_only`: messages are sent in
     MAVLink 1, and messages that MAVLink 1 lacks are not sent.
     """
 
@@ -152,7 +152,7 @@ class Outbox:
         return len(packed.frame) + self._sealer.overhead_bytes
 
     def available_bytes(self, now_s: float) -> float:
-        """Return the bytes that may be queued in addition and sent at once; 0 for an unverified peer."""
+        """Return the bytes that may be queued in addition and sent at once; 0 for an unproven peer."""
         if self.credit_bytes is not None:
             return 0.0
         if self._bytes is None:

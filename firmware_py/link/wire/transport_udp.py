@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from firmware_py.link.wire.transport import Address
 from firmware_py.link.wire.urls import HostLookup, LinkError, LinkUrl, resolve
 
-_MAX_DATAGRAMS_PER_CALL = 48  # enough during a flood, since most of its datagrams are dropped unread
+_MAX_DATAGRAMS_PER_CALL = 48  # enough in a flood: the receive queue drops most of its datagrams
 _MAX_DATAGRAM_BYTES = 2048
 _SEND_BUFFER_BYTES = 1 << 18
 # Linux constants that Python lacks. By default datagrams must not be fragmented: on a path with a smaller MTU and

@@ -263,7 +263,7 @@ def test_damaged_frames_of_removed_peers_are_counted(connected):
         rig.transport.connected = (address,)
         rig.tick()
         rig.give(bytes(damaged), address)
-        assert rig.endpoint._peers.refused_frames() == count
+        assert rig.endpoint._peers.damaged_frames() == count
 
 
 def test_permanent_peer_is_not_removed(rig):
