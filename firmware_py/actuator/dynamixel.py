@@ -46,8 +46,8 @@ from firmware_py.common.records import DeviceState, RudderFeedback
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 MAX_REBOOT_TEMPERATURE_C = 60.0
 MAX_REJECTED_GOALS = 3  # consecutive; one or two can be a tripped watchdog
-MAX_REPLY_LENGTH = 100  # state, goal and telemetry have 87, plus stuffing
-MAX_EXCHANGE_BYTES = 146  # a goal of 19, a read of 14, a reply of 94, and the return delay of the servo
+MAX_REPLY_LENGTH = 100  # of the length field: 83 bytes of state, goal and telemetry, 4 others, and stuffing
+MAX_EXCHANGE_BYTES = 146  # a goal of 19, a read of 14, a reply of 94, and 19 for the return delay of the servo
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class DynamixelServo:
         self.label = f"servo id {options.id}"
         self.parser = frames.StatusParser(MAX_REPLY_LENGTH)
         self._configurator = Configurator(options.id)
-        self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)
+        self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)  # model number, firmware version
         self._reboot = Request(Kind.REBOOT, frames.reboot(options.id), "reboot")
         self._goal_reads = tuple(read_request(options.id, block) for block in table.GOAL_READS)
         self._goal_read_index = 0  # of the read that is sent with the next goal
@@ -99,7 +99,7 @@ class DynamixelServo:
         self._is_at_limit = False  # whether the goal is at a position limit of the servo
         self._last_change_s = -math.inf  # time of the last write other than a goal
         self._temperature_c: float | None = None
-        self._next_reboot_s: float | None = None
+        self._next_reboot_s: float | None = None  # earliest time; None: no recent error that has cut the torque
 
     def restart(self) -> None:
         """Search for the servo on a reopened line."""
@@ -236,7 +236,7 @@ class DynamixelServo:
             self._start_search()
 
     def needs_prompt_io(self) -> bool:
-        """Return whether more than telemetry is to be read or written before the next command."""
+        """Return whether anything else is to be read or written before the next command."""
         configurator = self._configurator
         if (
             self._phase is not Phase.RUN

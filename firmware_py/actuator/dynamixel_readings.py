@@ -9,7 +9,7 @@ from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_configuration import Kind, Request, read_request
 from firmware_py.actuator.half_duplex import ReadingWindow
 
-SLOW_EVERY_S = 0.25  # state and watchdog alternate, or both are read with the goal every other time
+SLOW_EVERY_S = 0.25  # state and watchdog alternate; both are read together with the goal at half this rate
 MAX_COMBINED_LOSSES = 3  # consecutive; then the servo does not support reads of so many registers
 
 
@@ -84,7 +84,7 @@ class Readings:
             self._is_telemetry_due = False
             self._telemetry_s = now_s
             if request.block is table.COMBINED:
-                self._slow_s = now_s + SLOW_EVERY_S
+                self._slow_s = now_s + SLOW_EVERY_S  # both were read, so the next one is due after two intervals
         elif request is self._slow_requests[0]:
             self._slow_requests.rotate()
             self._slow_s = now_s

@@ -41,8 +41,8 @@ class Block(msgspec.Struct, frozen=True, eq=False):  # compared by identity, whi
     """A range that is read in one exchange.
 
     Every block has a different length (and a ping has 3): a status packet does not name its request, so its length
-    distinguishes a late reply from the expected one. Each reply with a goal refers to a different goal; GOAL_READS are
-    ranges of different lengths that contain it.
+    distinguishes a late reply from the expected one. A reply with the goal position is compared with the goal of its
+    own request, so GOAL_READS are ranges of different lengths that contain it.
     """
 
     name: str
@@ -56,7 +56,8 @@ STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
-# Their first registers exist in every X; register 102 does not exist in servos without a goal current.
+# From profile velocity (112), profile acceleration (108), goal velocity (104) and goal PWM (100) on, which every X has;
+# not from goal current (102), which some X do not have.
 GOAL_READS = (
     GOAL_AND_TELEMETRY,
     *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 100)),

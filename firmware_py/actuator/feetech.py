@@ -37,6 +37,7 @@ from firmware_py.common.records import DeviceState, RudderFeedback
 
 MAX_EXCHANGE_BYTES = 111  # a read of 8, a reply of 52, and the return delay of 0.51 ms at 1 Mbaud
 POSITION_MODE, ON, LOCKED, BIG_ENDIAN, MAX_ACCELERATION = 0, 1, 1, 1, 254
+REPLY_TO_ALL = 1  # response level: writes are acknowledged
 AT_LIMIT_COUNTS = 12  # 1 degree
 RETRY_DELAY_S, RETRY_EVERY_S = 3.0, 30.0
 MAX_ATTEMPTS, PAUSE_S = 3, 2.0  # of a correction; then one attempt after each pause
@@ -57,7 +58,7 @@ class FeetechOptions:
 class Request(msgspec.Struct, frozen=True, eq=False):
     """An instruction: `block` are the addresses to read, `goal` is the goal to write, or to expect in the reply.
 
-    `setting` is the name of the setting that it corrects.
+    The goal is in counts. `setting` is the name of the setting that it corrects.
     """
 
     frame: bytes
@@ -80,9 +81,9 @@ class FeetechServo:
         self._is_goal_due = self._is_reading_due = False
         self._last_reading_s = self._last_correction_s = -math.inf
         self._has_steered = self._was_write_last = False  # since the line was opened; with the last request
-        self._is_marked = False  # whether the servo had the acceleration of the driver when it was last read
+        self._has_driver_acceleration = False  # when it was last read: no power loss since the driver set it
         self._had_torque = self._was_cut = False  # as last read, unless switched by the driver; cut by the servo
-        self._retry_s: float | None = None
+        self._retry_s: float | None = None  # when the torque may be switched on after an error; None: at the next error
         self._restarts = 0
         self._goal_counts = protocol.CENTRE_COUNTS  # last sent
         self._state_index = 0  # of the block that is read next
@@ -185,12 +186,13 @@ class FeetechServo:
 
     def _store_state(self, state: protocol.State) -> None:
         """Store a state, and notice that the servo has lost power or has cut the torque."""
-        is_marked = state.acceleration == MAX_ACCELERATION
-        is_restarted = self._is_marked and not is_marked
+        has_driver_acceleration = state.acceleration == MAX_ACCELERATION
+        is_restarted = self._has_driver_acceleration and not has_driver_acceleration
         self._restarts += is_restarted
-        self._are_settings_due |= is_marked is not self._is_marked  # read again, to be of the time after the restart
+        # After a restart the settings are read again.
+        self._are_settings_due |= has_driver_acceleration is not self._has_driver_acceleration
         is_cut = self._had_torque and state.torque != ON and state.status != 0 and not is_restarted
-        self._is_marked, self._had_torque = is_marked, state.torque == ON
+        self._has_driver_acceleration, self._had_torque = has_driver_acceleration, state.torque == ON
         self._was_cut = (self._was_cut or is_cut) and not self._had_torque
         self._state, self._is_state_due = state, False
 
@@ -254,7 +256,7 @@ class FeetechServo:
             ("acceleration", protocol.ACCELERATION, state.acceleration, MAX_ACCELERATION),
             ("lock", protocol.LOCK, state.lock, LOCKED),
             ("operating mode", protocol.OPERATING_MODE, settings[protocol.OPERATING_MODE], POSITION_MODE),
-            ("response level", protocol.RESPONSE_LEVEL, settings[protocol.RESPONSE_LEVEL], 1),
+            ("response level", protocol.RESPONSE_LEVEL, settings[protocol.RESPONSE_LEVEL], REPLY_TO_ALL),
         )
         is_goal_usable = self._shaft_rad is not None and settings[protocol.OPERATING_MODE] == POSITION_MODE
         is_on_required = self._torque_command is True and is_goal_usable

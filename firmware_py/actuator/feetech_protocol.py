@@ -109,7 +109,7 @@ class ReplyParser:
 
 
 class State(msgspec.Struct, frozen=True):
-    """The registers of a state block; measurements in SI units, None if out of range."""
+    """The registers of a state block, `goal` in counts; measurements converted, None if out of range."""
 
     torque: int
     acceleration: int

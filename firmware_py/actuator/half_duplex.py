@@ -13,9 +13,9 @@ RequestT = TypeVar("RequestT")
 
 SILENT_AFTER_S = 0.5
 SILENT_AFTER_REQUESTS = 3  # one lost reply of a slow loop is not silence
-EARLY_FRACTION = 0.5
-OVERDUE_S, OVERDUE_PERIODS = 0.25, 2.5
-MAX_PERIOD_S = 1.0
+EARLY_FRACTION = 0.5  # of the command period: the window for readings after a command
+OVERDUE_S, OVERDUE_PERIODS = 0.25, 2.5  # age at which a reading is overdue: the longer of time and command periods
+MAX_PERIOD_S = 1.0  # a longer interval between commands is a pause
 MAX_REPLY_TIMEOUT_S = 1.0
 ADAPTER_LATENCY_S = 0.016  # the latency timer of a USB adapter
 BITS_PER_BYTE = 10

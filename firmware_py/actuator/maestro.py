@@ -108,7 +108,7 @@ class ReplyParser:
 
 
 class Request(msgspec.Struct, frozen=True):
-    """Bytes of a request; `target`: that it sets in quarter microseconds, None for a request of the errors.
+    """Bytes of a request; `target`: the one that it sets, in quarter microseconds; None: it reads the errors.
 
     Each request is an object of its own, because a reply belongs to the newest one only.
     """
@@ -150,13 +150,13 @@ class MaestroServo:
 
     def restart(self) -> None:
         """Begin a search: the line was reopened."""
-        self._set_target: int | None = None  # the last target that the Maestro has accepted; None: unknown
+        self._accepted_target: int | None = None  # the last one, in quarter microseconds; None: unknown
         self._position_s: float | None = None  # of the last reply to a target
         self._has_lost_target = False  # no pulses though a target was set; the errors will show why
         self._is_search_due = True
 
     def note_silence(self) -> None:
-        """Search, alternating with the target, because another device number has no reply to a search."""
+        """Search, alternating with the target: a Maestro of another device number replies only to the latter."""
         self._is_silent = True
         self._is_search_due = not self._was_search
 
@@ -218,15 +218,15 @@ class MaestroServo:
             self._use_errors(reply, sent_s)
             return ReplyResult()
         self._position_s = sent_s
-        if reply == 0 and self._set_target and not may_be_late:
+        if reply == 0 and self._accepted_target and not may_be_late:
             self._has_lost_target = True
-        self._set_target = request.target
+        self._accepted_target = request.target
         return ReplyResult(
             feedback=RudderFeedback(sent_s, torque_on=request.target > 0, restarts=self._restarts),
         )
 
     def condition(self, *, has_replied: bool) -> tuple[DeviceState, str]:
-        """Return the state; errors of the Maestro are those of the line, and a hobby servo reports none."""
+        """Return the state; an error of the Maestro is only a text for ERROR_HOLD_S, and a hobby servo reports none."""
         if not has_replied:
             return DeviceState.STARTING, "no reply from the Maestro"
         if self._position_s is None or self._now_s - self._position_s > MAX_POSITION_AGE_S:
@@ -250,7 +250,7 @@ class MaestroServo:
         if errors:
             self._error_text = next(text for bit, text in enumerate(_ERROR_TEXTS) if errors >> bit & 1)
             self._error_s = sent_s
-            self._set_target = None  # the servo may be at its home position until the next target
+            self._accepted_target = None  # the servo may be at its home position until the next target
         elif self._has_lost_target:
             self._restarts += 1
         self._has_lost_target = False

@@ -2,8 +2,8 @@
 
 The servo has no settings that the driver needs, no torque switch, no error report and no start-up procedure. Every tick
 sets the position, and the reply is the measured angle; then it reads one of voltage, current and temperature in turn.
-An exchange has 12 bytes, 1.04 ms at 115200 baud, and the servo needs up to 1.56 ms for it. The next request waits for
-the reply or the timeout.
+An exchange has 12 bytes, 1.04 ms at 115200 baud, and takes up to 1.56 ms with the response time of the servo. The next
+request waits for the reply or the timeout.
 
 * Silence is the only detectable fault. The driver continues to send the position, so the servo follows again with the
   first frame after a power loss.
@@ -27,7 +27,7 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceState, RudderFeedback
 
-MAX_EXCHANGE_BYTES = 23  # 6 and 6, and the response time of the servo, 0.5 ms
+MAX_EXCHANGE_BYTES = 23  # 6 and 6, and 11 for the response time of the servo (0.5 ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class VolzServo:
-    """A servo_driver.Servo; shaft angle 0 is 0x0800, positive is increasing counts."""
+    """A servo_driver.Servo; shaft angle 0 is count 0x0800, positive is increasing counts."""
 
     def __init__(self, options: VolzOptions) -> None:
         """Start without a command."""
