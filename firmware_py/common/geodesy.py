@@ -69,7 +69,7 @@ class Place(msgspec.Struct, frozen=True):
         )
 
     def at_local_offset(self, north_m: float, east_m: float) -> Place | None:
-        """Return the place at an offset in the local frame of MAVLink; None beyond a pole."""
+        """Return the place at an offset in the local frame of MAVLink; None beyond a pole, or near one."""
         latitude_rad = self.latitude_rad + north_m / EARTH_RADIUS_M
         cos_latitude = math.cos(self.latitude_rad)
         if not (abs(latitude_rad) < math.pi / 2.0 and cos_latitude > MIN_COS_LATITUDE):
@@ -118,7 +118,10 @@ def _dot(a: Vector, b: Vector) -> float:
 
 
 def track(start: Place, end: Place, position: Place) -> Track | None:
-    """Return the position relative to the great circle from start to end; None if these coincide or are antipodal."""
+    """Return the position relative to the great circle from start to end.
+
+    None if these coincide or are antipodal, or if the position is 90 degrees from the whole great circle.
+    """
     a, b, p = _unit_vector(start), _unit_vector(end), _unit_vector(position)
     normal = _cross(a, b)
     length = math.sqrt(_dot(normal, normal))

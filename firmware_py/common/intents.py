@@ -54,7 +54,7 @@ class ManualRudder(msgspec.Struct, frozen=True, tag=True):
 
 
 class SetParameter(msgspec.Struct, frozen=True, tag=True):
-    """Change a parameter of params.TABLE."""
+    """Change a parameter of parameter_table.TABLE."""
 
     name: str
     value: float
@@ -67,7 +67,7 @@ class ReplacePlan(msgspec.Struct, frozen=True, tag=True):
 
 
 class SetMissionItem(msgspec.Struct, frozen=True, tag=True):
-    """Continue with another item of the mission; `restart` also resets its jump counts."""
+    """Continue with item `index` of the mission, counted from 0; `restart` also resets the jump counts."""
 
     index: int
     restart: bool = False
@@ -108,7 +108,10 @@ class Restart(msgspec.Struct, frozen=True, tag=True):
 
 
 class ReportBattery(msgspec.Struct, frozen=True, tag=True):
-    """Battery measurements of another component of the boat; positive currents charge the battery."""
+    """Battery measurements of another component of the boat.
+
+    Positive currents charge the battery; `charge` is the state of charge, 0 to 1.
+    """
 
     voltage_v: float | None = None
     current_a: float | None = None

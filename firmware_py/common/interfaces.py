@@ -208,7 +208,7 @@ class RequestHandler(Protocol):
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
         """Call back on the loop's thread when a restart would resume all accepted commands (True).
 
-        False if they cannot be stored. Called at once without BOOT_RESUME.
+        False if they cannot be stored. Without BOOT_RESUME it is called at once (True).
         """
 
 

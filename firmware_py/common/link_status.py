@@ -38,7 +38,9 @@ def session_error_text(status: int | None) -> str:
 class PeerStatus(msgspec.Struct, frozen=True):
     """A peer of a link; `heard_age_s` is the time since its last valid frame, None before the first.
 
-    `dropped` counts messages that were not sent because the line or the credit was full, `rejected` damaged frames.
+    `has_place`: it is an active peer, one of the limited number that the link sends to. `signs`: its frames have valid
+    signatures. `dropped` counts messages that exceeded a queue or the credit of an unverified peer, `rejected` damaged
+    frames.
     """
 
     address: str
@@ -55,8 +57,9 @@ class SatelliteStatus(msgspec.Struct, frozen=True):
     """A satellite link: the modem, its sessions since the start, and the credits used.
 
     `signal` is 0 to 5. `waiting` and `dropped` count outgoing messages. `session_age_s` is the time since the last
-    successful session. `blocked_reason` is the reason why a due session does not start, empty if nothing prevents it.
-    `refused` counts received messages that had no effect, by reason. A limit of 0 means no limit.
+    successful session, `last_status` the MO session status of the last one. `blocked_reason` is the reason why a due
+    session does not start, empty if nothing prevents it. `refused` counts received messages that had no effect, by
+    reason. A limit of 0 means no limit.
     """
 
     imei: str

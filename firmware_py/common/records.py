@@ -56,10 +56,10 @@ class DeviceState(IntEnum):
     """State of a device, as known by its driver."""
 
     ABSENT = 0  # the port cannot be opened, or has disappeared
-    STARTING = 1  # the port is open, the device has not responded yet
+    STARTING = 1  # the port is open, the device has not responded yet or is being configured
     RUNNING = 2
     SILENT = 3  # the port is open, the device has stopped responding
-    FAULTY = 4  # the device reports an error
+    FAULTY = 4  # the device reports an error or cannot be used
     FULL = 5  # storage without free space
     FAILED = 6  # the driver of an installed package has raised an exception; it starts again
 
@@ -93,7 +93,10 @@ class Tick(msgspec.Struct, frozen=True):
 
 
 class HeadingSample(msgspec.Struct, frozen=True):
-    """A heading from a compass, with the time at which its last byte arrived."""
+    """A heading from a compass, with the time at which its last byte arrived.
+
+    The yaw rate is positive to starboard, roll with the starboard side down, pitch with the bow up.
+    """
 
     t_s: float
     heading_rad: float  # [0, 2 pi), relative to `reference`
@@ -113,7 +116,7 @@ class PositionSample(msgspec.Struct, frozen=True):
     fix: FixType
     latitude_rad: float | None = None
     longitude_rad: float | None = None
-    altitude_m: float | None = None
+    altitude_m: float | None = None  # above mean sea level
     speed_over_ground_m_s: float | None = None
     course_over_ground_rad: float | None = None
     satellites: int | None = None

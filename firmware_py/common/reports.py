@@ -207,10 +207,10 @@ class DeadReckoningPosition(msgspec.Struct, frozen=True):
 class Snapshot(msgspec.Struct, frozen=True):
     """State of the boat after a tick, for the log and the link.
 
-    `heading_rad` and `yaw_rate_rad_s` are measured by the compass; `heading_error_rad` refers to the estimated heading
-    of the glider. `rudder_rad` is measured, `rudder_estimate_rad` estimated because it is not measured, and
-    `rudder_command_rad` commanded, all in the frame of the rudder. `..._ok`: the values are fresh. `distance_m` is
-    None without a position goal.
+    `heading_rad` and `yaw_rate_rad_s` are measured by the compass; `heading_error_rad` is the goal minus the
+    estimated heading of the glider. `rudder_rad` is measured, `rudder_estimate_rad` estimated because it is not
+    measured, and `rudder_command_rad` commanded, all in the frame of the rudder. `..._ok`: the values are fresh.
+    `distance_m` is None without a position goal.
     """
 
     t_s: float
@@ -243,7 +243,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     water: Water | None = None
     navigation: Navigation = Navigation()
     energy: Energy | None = None
-    gain_reduction: float = 1.0  # factor by which the proportional gain is reduced
+    gain_reduction: float = 1.0  # divisor of the proportional gain, 1 or more
     power: Power | None = None
     power_saving_level: int = 0  # a member of safety.power_saving.Saving
     traffic: Traffic | None = None  # other vessels, None before the first AIS report
@@ -267,10 +267,10 @@ class Output(msgspec.Struct, frozen=True):
 class SwingReport(msgspec.Struct, frozen=True):
     """Progress of a compass swing: NONE, RUNNING while there is no proposal yet, or DONE.
 
-    `percent` of the data that a proposal needs. `sectors`: bit n is set when that twelfth of the circle has data. The
-    coefficients are A to E, present and estimated. `sd_rad` is the largest standard deviation of the estimated curve,
-    `max_change_rad` the largest difference between both curves. `residual_before_rad` and `residual_after_rad` are the
-    rms errors of the minute values with the present and the estimated coefficients.
+    `percent` of the data that a proposal needs. `minutes`: number of minute values. `sectors`: bit n is set when that
+    twelfth of the circle has data. The coefficients are A to E, present and estimated. `sd_rad` is the largest standard
+    deviation of the estimated curve, `max_change_rad` the largest difference between both curves. `residual_before_rad`
+    and `residual_after_rad` are the rms errors of the minute values with the present and the estimated coefficients.
     """
 
     state: CalibrationState = CalibrationState.NONE

@@ -21,8 +21,8 @@ def learn_interval_s(interval_s: float, step_s: float, min_timeout_s: float) -> 
     """Return the longest recent interval after a sample that came step_s after the previous one.
 
     `interval_s` is NaN before the second sample, `step_s` at the first. The maximum is used instead of the mean,
-    because the sentences of one burst are several samples. Samples that were read together do not count: an adapter
-    that delivers in bursts of one second would otherwise be lost each second.
+    because the sentences of one burst are several samples. Samples that were read together do not count: the
+    source would otherwise time out each second if an adapter delivers its samples in bursts of one second.
     """
     if math.isnan(step_s):
         return interval_s

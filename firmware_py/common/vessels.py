@@ -85,11 +85,11 @@ class Vessel(msgspec.Struct, frozen=True):
     """A vessel of the table: last accepted position, identity, and results of the last check.
 
     `doubted` is an impossible position, reported `doubts` times in a row. `distance_m` and `bearing_rad` belong to the
-    extrapolated position. `cpa_m` is the closest approach within twice AIS_NEAR_S, `cpa_in_s` its time; None while the
-    own position is unknown. `near_s`: time since which it counts as near, None if it does not. `beside_s` and
+    extrapolated position. `cpa_m` is the closest approach within twice AIS_NEAR_S, `cpa_in_s` the time until then; None
+    while the own position is unknown. `near_s`: time since which it counts as near, None if it does not. `beside_s` and
     `beside_rad`: time since which it stays at the place of the boat, and its place then (latitude, longitude). `own`:
-    it has moved with the boat since, so it is its own echo. `reported_s`: time of the last report of a distress beacon;
-    `bearing_reported`: with bearing and distance.
+    it has moved with the boat since, so it is the transponder of the boat itself. `reported_s`: time at which a
+    distress beacon was last reported to the operator; `bearing_reported`: with bearing and distance.
     """
 
     position: VesselPosition
