@@ -26,7 +26,10 @@ Job = Iterator[None]
 
 
 class ArchiveWorker:
-    """Archives closed logs in small steps; a failed job is repeated later, `failure` is the reason or empty."""
+    """Archives closed logs in small steps; a failed one is repeated later, but not the black box of a fault.
+
+    `failure` is the reason or empty.
+    """
 
     def __init__(self, directory: Path) -> None:
         """Archive the logs of a directory, except the newest one, which is being written."""

@@ -58,17 +58,17 @@ _ROVER: Final = 1  # build type: sets the mode names
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42
 _ALL_CHECKS: Final = 1
 _BY_MAVLINK: Final = 2
-_MAIN_SUBSYSTEM: Final = 1  # of faults without a subsystem of their own
+_MAIN_SUBSYSTEM: Final = 1  # MAIN: of faults without a subsystem of their own
 _SUBSYSTEMS: Final[Mapping[Fault, int]] = {
-    Fault.COMPASS_LOST: 3,
+    Fault.COMPASS_LOST: 3,  # COMPASS
     Fault.COMPASS_SILENT: 3,
     Fault.COMPASS_FROZEN: 3,
     Fault.COMPASS_JUMPING: 3,
-    Fault.BATTERY_LOW: 6,
+    Fault.BATTERY_LOW: 6,  # FAILSAFE_BATT
     Fault.BATTERY_CRITICAL: 6,
-    Fault.STATION_SILENT: 8,
-    Fault.FENCE_BREACHED: 9,
-    Fault.POSITION_LOST: 11,
+    Fault.STATION_SILENT: 8,  # FAILSAFE_GCS
+    Fault.FENCE_BREACHED: 9,  # FAILSAFE_FENCE
+    Fault.POSITION_LOST: 11,  # GPS
     Fault.POSITION_JUMPING: 11,
 }
 

@@ -177,7 +177,7 @@ def newest_log_time_s(directory: Path) -> float:
 
 
 def partial_path(path: Path) -> Path:
-    """Return the path of a file until it is complete; the link does not list such names."""
+    """Return the path of a file until it is complete; MAVLink FTP does not list such names."""
     return path.with_name(f".{path.name}{_PART_SUFFIX}")
 
 
@@ -203,7 +203,9 @@ def _remove(log_file: _FileStatus) -> int:
 
 
 def _index_of_densest(boxes: list[_FileStatus]) -> int:
-    """Return the index of the box that is closest in time to its predecessor, except the newest of several.
+    """Return the index of the box that is closest in time to its predecessor; the newest box is never selected.
+
+    Of one or two boxes it is the first.
 
     After many restarts in succession, this selects boxes of those restarts and not those of earlier months.
     """

@@ -127,7 +127,7 @@ class LogRecorder:
         opens_file = requested != self._opened_files or self._file_size >= self._file_bytes
         try:
             state = previous_state() if opens_file or self._drop_reason else None
-            body = self._encode_tick(inputs, output, state, renew_mode=opens_file) + changed
+            body = self._encode_tick(inputs, output, state, opens_file=opens_file) + changed
             data = schema.append_end(body, inputs.tick.t_s, sequence)
             if opens_file:
                 data = self._encode_file_header(inputs.tick) + data
@@ -219,7 +219,7 @@ class LogRecorder:
             )
         )
 
-    def _encode_tick(self, inputs: Inputs, output: Output, state: str | None, *, renew_mode: bool) -> bytes:
+    def _encode_tick(self, inputs: Inputs, output: Output, state: str | None, *, opens_file: bool) -> bytes:
         tick = inputs.tick
         t_s = tick.t_s
         parts = [schema.TICK.pack(t_s, tick)]
@@ -230,9 +230,9 @@ class LogRecorder:
         parts.append(schema.encode_inputs(inputs))
         parts.append(schema.encode_output(output))
         parts += [ardupilot.encode_position(sample) for sample in inputs.positions]
-        if renew_mode or output.snapshot.mode != self._mode:
+        if opens_file or output.snapshot.mode != self._mode:
             parts.append(ardupilot.encode_mode(t_s, output.snapshot.mode))
-        log_all = renew_mode or bool(self._drop_reason)
+        log_all = opens_file or bool(self._drop_reason)
         parts.append(
             self._ardupilot_state.encode_tick(
                 inputs, output, self._parameters, dropped=self._dropped_ticks, log_all=log_all

@@ -30,8 +30,8 @@ class Minute(msgspec.Struct, frozen=True):
     """The values of a row over the interval `span_s`; None if unknown.
 
     `faults` are the bits of all faults that were active in the interval. Solar and load power, battery current and
-    heading error are means, `travel_rad`, `steering_j`, `skipped` and `lost` sums of the interval; the others are last
-    values.
+    heading error are means, `travel_rad`, `steering_j`, `skipped` (missed deadlines) and `lost` (texts of events beyond
+    the limit) sums of the interval; the others are last values.
     """
 
     utc_s: float
@@ -217,7 +217,7 @@ class ThinLog:
     def _build_minute(self, interval: _Interval, snapshot: Snapshot, t_s: float) -> Minute:
         sums, previous, error_count = _Sums.from_snapshot(snapshot), self._sums, interval.error_count
         fix = snapshot.position if snapshot.position_ok else None
-        servo, sea, water = snapshot.servo, snapshot.estimate, snapshot.water
+        servo, estimate, water = snapshot.servo, snapshot.estimate, snapshot.water
         return Minute(
             utc_s=self._utc_s(),
             span_s=t_s - interval.begin_s,
@@ -232,8 +232,8 @@ class ThinLog:
             rms_error_rad=math.sqrt(interval.square_rad2 / error_count) if error_count else None,
             travel_rad=sums.travel_rad - previous.travel_rad,
             speed_m_s=None if water is None else water.speed_m_s,
-            wave_period_s=None if sea is None else sea.wave_period_s,
-            wave_sd_rad=None if sea is None else sea.wave_sd_rad,
+            wave_period_s=None if estimate is None else estimate.wave_period_s,
+            wave_sd_rad=None if estimate is None else estimate.wave_sd_rad,
             current_north_m_s=None if water is None else water.current_north_m_s,
             current_east_m_s=None if water is None else water.current_east_m_s,
             steering_j=sums.energy_j - previous.energy_j,
