@@ -43,7 +43,8 @@ class AisReceiver:
     """Decodes the reports of other vessels; a queue holds the newest report of each vessel, in order of arrival.
 
     The loop reads AIS once a tick after all sensors for steering, and AIS data do not wake it. Reads (4096 bytes a
-    tick), sentences and reports are limited; the rest is dropped and counted. Pending reports of one vessel are merged.
+    tick), sentences and pending reports are limited; sentences and reports beyond that are dropped and counted. Pending
+    identities of one vessel are merged.
     The boat's own transmissions (VDO) are not reports; its MMSI from another station is rejected.
     """
 

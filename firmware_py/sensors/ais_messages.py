@@ -1,7 +1,8 @@
 """Converts AIS messages to records in SI units with range checks.
 
 Numbers that mean "not available" and numbers without a defined meaning become None. A position report without a
-position is ignored. Source: ITU-R M.1371-5, annex 8, tables 46 to 88.
+position is ignored, except that of a distress beacon, which becomes an empty identity. Source: ITU-R M.1371-5, annex 8,
+tables 46 to 88.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from firmware_py.sensors.message_error import RANGE, MessageError
 MAX_MMSI = 999_999_999
 _COARSE_UNITS_PER_DEGREE, _UNITS_PER_DEGREE = 600.0, 600_000.0  # type 27; all others
 _UNKNOWN_SPEED, _UNKNOWN_COURSE, _UNKNOWN_HEADING = 1023, 3600, 511  # 0.1 knots, 0.1 degrees, degrees
-_COARSE_SPEED, _COARSE_COURSE = 63, 360  # knots, degrees: type 27
+_UNKNOWN_COARSE_SPEED, _UNKNOWN_COARSE_COURSE = 63, 360  # knots, degrees: type 27
 _LONG_RANGE = 27
 _MAX_TURN_NUMBER = 126  # 127 and -127 contain only the direction of the turn
 _TURN_SCALE = 4.733  # the number is this factor times the square root of the turn rate in degrees per minute
 _DIMENSION_NAMES = ("to_bow", "to_stern", "to_port", "to_starboard")
+# By message type, for those with a position.
 _KINDS: Mapping[int, VesselKind] = {
     1: VesselKind.CLASS_A,
     2: VesselKind.CLASS_A,
@@ -56,7 +58,7 @@ def _decode_position(payload: Payload, now_s: float) -> VesselPosition | None:
     scale = _COARSE_UNITS_PER_DEGREE if is_coarse else _UNITS_PER_DEGREE
     latitude_deg, longitude_deg = numbers["latitude"] / scale, numbers["longitude"] / scale
     if latitude_deg == 91.0 or longitude_deg == 181.0:
-        return None
+        return None  # not available
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
         raise MessageError(RANGE, f"{payload.mmsi:09d}: position {latitude_deg:.1f}, {longitude_deg:.1f} is invalid")
     return VesselPosition(
@@ -75,13 +77,13 @@ def _decode_position(payload: Payload, now_s: float) -> VesselPosition | None:
 
 
 def _decode_speed_m_s(number: int | None, *, is_coarse: bool) -> float | None:
-    if number is None or number >= (_COARSE_SPEED if is_coarse else _UNKNOWN_SPEED):
+    if number is None or number >= (_UNKNOWN_COARSE_SPEED if is_coarse else _UNKNOWN_SPEED):
         return None
     return (number if is_coarse else number / 10.0) * METRES_PER_SECOND_PER_KNOT
 
 
 def _decode_course_rad(number: int | None, *, is_coarse: bool) -> float | None:
-    if number is None or number >= (_COARSE_COURSE if is_coarse else _UNKNOWN_COURSE):
+    if number is None or number >= (_UNKNOWN_COARSE_COURSE if is_coarse else _UNKNOWN_COURSE):
         return None
     return radians(float(number) if is_coarse else number / 10.0)
 

@@ -69,8 +69,10 @@ def _dimension_fields(start: int) -> dict[str, tuple[int, int]]:
     }
 
 
-# Number 25 stands for part B of type 24. Some stations omit the spare bits at the end or count them wrongly, and the
-# name extension of an aid to navigation has fill bits, so each minimum length is that of the fields in the table.
+# By message type: 1 to 3 position of class A, 4 base station, 5 static data of class A, 18 and 19 position of class B,
+# 21 aid to navigation, 24 static data of class B, 27 long-range position. 25 stands for part B of type 24.
+# Some stations omit the spare bits at the end or count them wrongly, and the name extension of an aid to navigation has
+# fill bits, so each minimum length is that of the fields in the table.
 TYPE_24_PART_B = 25
 LAYOUTS: Mapping[int, Layout] = {
     1: _CLASS_A,
@@ -111,7 +113,7 @@ LAYOUTS: Mapping[int, Layout] = {
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """Numbers and texts of one message, in the units of the protocol."""
+    """Numbers and texts of one message, in the units of the protocol; the type is TYPE_24_PART_B for part B of 24."""
 
     message_type: int
     mmsi: int

@@ -49,7 +49,7 @@ class SentenceFinder:
 
 @dataclass(slots=True)
 class _IncompleteMessage:
-    """A message with missing parts."""
+    """A message with missing parts; `parts` is the number received."""
 
     started_s: float
     payload: bytes
@@ -77,7 +77,7 @@ class Assembler:
         is_own = address.endswith(b"VDO")
         if count == 1:
             return Message(payload, fill_bits, is_own)
-        key = (address, fields[1], fields[3], fields[4])
+        key = (address, fields[1], fields[3], fields[4])  # with number of parts, message id and channel
         joined_payload = self._join(key, part, payload, now_s)
         if part < count:
             return None

@@ -93,7 +93,7 @@ class PacketFramer:
         packets: list[Packet] = []
         stream_end = self._offset + len(buffer)
         incomplete: list[tuple[int, int]] = []
-        header: int | None = None  # start of the first possible packet since packet_end that is none so far
+        header: int | None = None  # start of the first candidate after packet_end that failed the check
         packet_end = self._offset
         for begin, end in self._candidates:
             if begin < packet_end:

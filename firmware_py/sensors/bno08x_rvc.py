@@ -71,7 +71,7 @@ class Bno08xRvcOptions:
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """The values of a frame, with the names and directions of the data sheet."""
+    """The values of a frame, with the names and directions of the data sheet; `index` counts frames modulo 256."""
 
     index: int
     yaw_deg: float
@@ -114,10 +114,10 @@ class Bno08xRvc:
         self._sign = 1.0 if options.clockwise else -1.0
         self._receiver = PacketReceiver(line, create_framer)
         self._monitor = self._receiver.monitor
-        self._previous: tuple[Reading, float] | None = None  # and its time
+        self._previous: tuple[Reading, float] | None = None  # the previous values and their arrival time
         self._received_s = 0.0  # time of the previous `receive`, with or without bytes
         self._number = 0  # of the last frame, counted with the lost ones
-        self._turned_rad = 0.0  # since the start
+        self._turned_rad = 0.0  # since the start, clockwise positive
         self._history: deque[tuple[int, float]] = deque(maxlen=RATE_PERIODS + 1)  # frame number, angle turned
         self._due_number = 0  # of the frame from which the next sample is due
 

@@ -1,10 +1,11 @@
 """Decodes captures with the code of the drivers.
 
 Each result contains `line` and `type`. For nmea, `line` is the line number from 1 (split at LF) and `sentence` the
-address. For binary protocols, `line` is the number of the result and `offset` the byte position in the capture. Types
-are heading, position, course, turn_rate, attitude, rudder, transducer, wind, weather, water_speed, depth, steering,
-time, vessel, module_info, `other` for a valid message that is not decoded, and `error`, with `error` "checksum", "no
-checksum", "malformed" or "range" and an optional `detail`. `unknown` lists unknown transducers of XDR, each once.
+address. For binary protocols, `line` is the number of the result and `offset` the byte position in the capture; for
+vedirect, `line` is the number of the block. Types are heading, position, course, turn_rate, attitude, rudder,
+transducer, wind, weather, water_speed, depth, steering, time, vessel, power, module_info, `other` for a valid message
+that is not decoded, and `error`, with `error` "checksum", "no checksum", "malformed" or "range" and an optional
+`detail`. `unknown` lists unknown transducers of XDR, each once.
 
 Names of values contain the unit; a value is None if its field is empty. Headings are `heading_true_deg` and
 `heading_magnetic_deg`; a result of type heading repeats them as `true_deg` and `magnetic_deg`. Values are only checked

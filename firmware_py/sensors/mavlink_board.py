@@ -39,7 +39,7 @@ FAST_ROUNDS = 5  # rounds at the short interval
 MIN_MISSING_S, MISSING_INTERVALS = 2.0, 3.0  # a message is missing after the longer of both
 MAX_HEARTBEAT_GAP_S = 2.5  # after a longer gap all messages are requested again
 MAX_CANDIDATES = 8
-MIN_RUN_BACK_MS = 1000  # the time since boot runs back: the board has restarted
+MIN_RUN_BACK_MS = 1000  # if the time since boot decreases by more than this, the board has restarted
 
 _ONBOARD_COMPUTER = 191  # component id of onboard computer 1; the others follow
 COMPASS_COMPONENT, POSITION_COMPONENT, POWER_COMPONENT = _ONBOARD_COMPUTER, _ONBOARD_COMPUTER + 1, _ONBOARD_COMPUTER + 2
@@ -148,7 +148,7 @@ class FlightController:
         self._autopilot = MAV_AUTOPILOT_INVALID
         self._boot_ms = 0
         self._heartbeat_due_s = 0.0
-        self.restarts = 0  # number of restarts and selections of the board
+        self.restarts = 0  # number of restarts and selections of the board, and of openings of the line
         self.other_text = ""  # about another autopilot on the line, empty if there is none
 
     def receive(self, now_s: float) -> Iterator[Frame]:
@@ -174,6 +174,7 @@ class FlightController:
         self._send_due(now_s)
 
     def _is_of_board(self, frame: Frame, now_s: float) -> bool:
+        """Process a message for the connection; return whether it is of the board."""
         address = (frame.system, frame.component)
         if frame.message is Message.HEARTBEAT:
             self._handle_heartbeat(address, frame.fields[1], frame.fields[2], now_s)

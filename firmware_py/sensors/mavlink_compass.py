@@ -88,11 +88,14 @@ class MavlinkCompass(MavlinkDevice[HeadingSample]):
         self._monitor.note(self._board.other_text)
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; FAULTY while the estimator is not valid. Each attitude counts as accepted."""
+        """Return the state; FAULTY while the estimator is not valid or the board is nearly vertical.
+
+        Each attitude counts as accepted.
+        """
         return self._monitor.health(now_s, self._fault or (VERTICAL if self._is_vertical else ""))
 
     def _forget(self) -> None:
-        self._status_s: float | None = None  # time of the last report, or of the first attitude before it
+        self._status_s: float | None = None  # time of the last report; before the first one, of the first attitude
         self._is_valid = False  # by the last report
         self._fault = ""
 
@@ -101,11 +104,12 @@ class MavlinkCompass(MavlinkDevice[HeadingSample]):
         if frame.message is Message.ATTITUDE:
             self._handle_attitude(frame.fields, now_s)
         elif frame.message is Message.EKF_STATUS_REPORT:
-            flags = frame.fields[5]
+            compass_variance, flags = frame.fields[3], frame.fields[5]
             is_ready = bool(flags & _ATTITUDE_VALID) and not flags & _EKF_UNINITIALIZED
-            self._set_status(now_s, is_ready=is_ready, test_ratio=frame.fields[3])
+            self._set_status(now_s, is_ready=is_ready, test_ratio=compass_variance)
         elif frame.message is Message.ESTIMATOR_STATUS:
-            self._set_status(now_s, is_ready=bool(frame.fields[9] & _ATTITUDE_VALID), test_ratio=frame.fields[4])
+            mag_ratio, flags = frame.fields[4], frame.fields[9]
+            self._set_status(now_s, is_ready=bool(flags & _ATTITUDE_VALID), test_ratio=mag_ratio)
 
     def _set_status(self, now_s: float, *, is_ready: bool, test_ratio: float) -> None:
         """Store a report; a ratio that is NaN belongs to an estimator without a magnetometer."""

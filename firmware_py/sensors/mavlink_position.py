@@ -63,7 +63,7 @@ class MavlinkPosition(MavlinkDevice[PositionSample]):
     The estimator of a flight controller continues without a receiver for some time, and does not say so in
     GLOBAL_POSITION_INT. So its position counts as a fix only while GPS_RAW_INT reports one. A GPS_RAW_INT with the
     time stamp of the previous one is an old measurement and gives no sample. The time is that of SYSTEM_TIME. Every
-    position message counts as accepted, also one without a fix.
+    message that gives a sample counts as accepted, also one without a fix.
     """
 
     def __init__(self, line: ByteLine, options: MavlinkPositionOptions) -> None:
@@ -126,6 +126,7 @@ def read_fix(fields: tuple[int, ...], now_s: float) -> PositionSample:
 
     A fix whose stated accuracy (h_acc, 0: unknown) is worse than MAX_POSITION_ERROR_M is none.
     """
+    # In 1e-7 deg, mm, 0.01 (eph: HDOP), cm/s, 0.01 deg, mm (h_acc).
     _, lat, lon, alt, eph, _, vel, cog, fix_type, visible, _, h_acc, *_ = fields
     fix = _FIX_TYPES.get(fix_type, FixType.NONE)
     satellites = None if visible == _UNKNOWN_U8 else visible

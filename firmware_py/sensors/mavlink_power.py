@@ -24,6 +24,7 @@ RATE_HZ = 1.0
 SILENT_AFTER_S = 5.0
 SUMMARY_AFTER_S = 5.0  # SYS_STATUS is used if there has been no BATTERY_STATUS for this time
 
+_BATTERY_ID_FIELD = 14  # of BATTERY_STATUS, in the order of the payload
 _UNKNOWN_U16, _UNKNOWN_TEMPERATURE, _UNKNOWN_CURRENT, _UNKNOWN_CHARGE = 0xFFFF, 0x7FFF, -1, -1
 
 
@@ -35,9 +36,10 @@ class MavlinkPowerOptions(MavlinkOptions):
 
 
 class MavlinkPower(MavlinkDevice[PowerSample]):
-    """Returns one sample for each BATTERY_STATUS of the battery; for battery 0 of SYS_STATUS if there is none.
+    """Returns one sample for each BATTERY_STATUS of the battery.
 
-    Every message about the battery counts as accepted.
+    For battery 0, each SYS_STATUS gives a sample after SUMMARY_AFTER_S without BATTERY_STATUS. Every valid message
+    about the battery counts as accepted.
     """
 
     def __init__(self, line: ByteLine, options: MavlinkPowerOptions) -> None:
@@ -53,7 +55,7 @@ class MavlinkPower(MavlinkDevice[PowerSample]):
     def _handle(self, frame: Frame, now_s: float) -> None:
         self._monitor.note_unused("connected, no battery yet")
         if frame.message is Message.BATTERY_STATUS:
-            if frame.fields[14] == self._battery:
+            if frame.fields[_BATTERY_ID_FIELD] == self._battery:
                 sample = read_battery(frame.fields, now_s)
                 self._status_s = now_s
                 self._add(sample, now_s)
@@ -78,27 +80,29 @@ def read_battery(fields: tuple[int, ...], now_s: float) -> PowerSample:
     battery as one cell, or divided among several because of the range of a field.
     """
     temperature, cells = fields[2], fields[3:13]
-    current, remaining, more_cells = fields[13], fields[17], fields[20:24]
+    current_ca, remaining_percent, more_cells = fields[13], fields[17], fields[20:24]
     millivolts = sum(cell for cell in (*cells, *more_cells) if cell != _UNKNOWN_U16)
-    celsius = None if temperature == _UNKNOWN_TEMPERATURE else temperature * 1e-2
-    return _make_sample(millivolts, current, remaining, celsius, now_s)
+    temperature_c = None if temperature == _UNKNOWN_TEMPERATURE else temperature * 1e-2
+    return _make_sample(millivolts, current_ca, remaining_percent, temperature_c, now_s)
 
 
 def read_summary(fields: tuple[int, ...], now_s: float) -> PowerSample:
     """Return the sample of a SYS_STATUS; raises MessageError for a value that is out of range."""
-    millivolts, current, remaining = fields[4], fields[5], fields[12]
-    return _make_sample(0 if millivolts == _UNKNOWN_U16 else millivolts, current, remaining, None, now_s)
+    millivolts, current_ca, remaining_percent = fields[4], fields[5], fields[12]
+    return _make_sample(0 if millivolts == _UNKNOWN_U16 else millivolts, current_ca, remaining_percent, None, now_s)
 
 
 def _make_sample(
-    millivolts: int, current: int, remaining: int, temperature_c: float | None, now_s: float
+    millivolts: int, current_ca: int, remaining_percent: int, temperature_c: float | None, now_s: float
 ) -> PowerSample:
-    """Return a sample; a discharge current is positive in MAVLink, negative in a sample. 0 V means not measured."""
+    """Return a sample; `current_ca` [0.01 A] is positive in a discharge, unlike in a sample. 0 mV: not measured."""
     return PowerSample(
         t_s=now_s,
         voltage_v=None if millivolts == 0 else millivolts * 1e-3,
-        current_a=None if current == _UNKNOWN_CURRENT else current * -1e-2,
-        charge=None if remaining == _UNKNOWN_CHARGE else check_range(remaining * 1e-2, 0.0, 1.0, "charge"),
+        current_a=None if current_ca == _UNKNOWN_CURRENT else current_ca * -1e-2,
+        charge=None
+        if remaining_percent == _UNKNOWN_CHARGE
+        else check_range(remaining_percent * 1e-2, 0.0, 1.0, "charge"),
         temperature_c=None if temperature_c is None else check_range(temperature_c, -100.0, 150.0, "temperature"),
     )
 

@@ -11,7 +11,7 @@ RANGE = "range"
 class MessageError(ValueError):
     """A message is rejected for its content; not raised outside this package.
 
-    `error` is MALFORMED or RANGE; the text is a short printable reason with the name of the value.
+    `error` is CHECKSUM, MALFORMED or RANGE; the text is a short printable reason with the name of the value.
     """
 
     def __init__(self, error: str, text: str) -> None:

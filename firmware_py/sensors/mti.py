@@ -73,9 +73,9 @@ class MtiCompass:
     compare such a model with a known bearing; if it does, set CMP_DECL_AUTO = 0 and CMP_DECL_DEG = 0. A message whose
     status marks the orientation as invalid gives no heading.
 
-    Commands are sent one at a time, each after the acknowledgement of the previous one. Without an acknowledgement the
-    set-up starts again after REPLY_TIMEOUT_S, after an error reply after DATA_TIMEOUT_S, after a wake-up message at
-    once.
+    Commands are sent one at a time, each after the acknowledgement of the previous one. The set-up starts again
+    REPLY_TIMEOUT_S after a command without an acknowledgement, DATA_TIMEOUT_S after an error reply, and WAKE_UP_S after
+    a wake-up message.
     """
 
     def __init__(self, line: ByteLine, options: MtiOptions) -> None:

@@ -35,11 +35,12 @@ from firmware_py.sensors.vessel_queue import VesselQueue
 POSITION_A, POSITION_B, STATIC_A, STATIC_B_NAME, STATIC_B_SIZE = 129038, 129039, 129794, 129809, 129810
 SILENT_AFTER_S = 600.0  # for minutes, no other vessel may be in range
 SOURCE_TIMEOUT_S = 60.0  # then another device may become the source
-MAX_SPEED_M_S = 52.7  # ITU-R M.1371: 102.2 knots or more
+MAX_SPEED_M_S = 52.7  # a little above 102.2 knots, the highest speed of ITU-R M.1371
 MAX_TURN_RATE_RAD_S = math.radians(12.0)  # 708 degrees a minute; more states only the direction
 MAX_LENGTH_M, MAX_BEAM_M = 1022, 126  # the sums of two distances of ITU-R M.1371
-_OWN_TRANSMISSIONS = frozenset((2, 3, 4))  # field aisTransceiverInformation
-_AUXILIARY_CRAFT = 98  # first digits of an MMSI whose dimensions are replaced by that of the mother ship
+# Field `ais_transceiver_information`: sent on channel A (2) or B (3), own information that is not transmitted (4).
+_OWN_TRANSMISSIONS = frozenset((2, 3, 4))
+_AUXILIARY_CRAFT = 98  # first digits of an MMSI; the MMSI of the mother ship replaces the dimensions
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class Nmea2000AisOptions(Nmea2000Options):
 class Nmea2000Ais(Nmea2000Device[VesselReport]):
     """Returns the newest reports of other vessels, as AisReceiver does for NMEA 0183.
 
-    Every message with a report counts as accepted.
+    Messages with a report and the boat's own messages count as accepted.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000AisOptions) -> None:
@@ -73,7 +74,7 @@ class Nmea2000Ais(Nmea2000Device[VesselReport]):
         return -1
 
     def poll(self) -> Sequence[VesselReport]:
-        """Return the oldest pending reports, a limited number; positions first, as in the log."""
+        """Return the first reports of the queue, a limited number; positions first, as in the log."""
         return self._queue.take()
 
     def _handle_message(self, message: Message, now_s: float) -> None:
@@ -126,7 +127,7 @@ def position_of(mmsi: int, kind: VesselKind, values: Values, now_s: float) -> Ve
 
 
 def identity_of(mmsi: int, values: Values, texts: dict[str, str], now_s: float) -> VesselReport | None:
-    """Return the static data of a message, None if it has none."""
+    """Return the static data of a message; None if it has none, unless it is that of a distress beacon."""
     identity = VesselIdentity(
         t_s=now_s,
         mmsi=mmsi,

@@ -38,7 +38,7 @@ _FRAME_INTERVAL_S = 0.01  # assumed without a time: the order of the frames deci
 
 def decode_capture(data: bytes) -> Iterator[Result]:
     """Yield one result per message of a capture."""
-    if b"\x10\x02\x93" in data:
+    if b"\x10\x02\x93" in data:  # DLE STX and the command of a received message
         yield from _decode_actisense(data)
     else:
         yield from _decode_lines(data)

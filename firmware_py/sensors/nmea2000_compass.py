@@ -38,8 +38,8 @@ class Nmea2000Compass(Nmea2000Device[HeadingSample]):
 
     def _forget(self, now_s: float) -> None:
         """Discard the values of the previous device."""
-        self._turn_rate: tuple[float, float | None] = (now_s, None)  # time, rate
-        self._attitude: tuple[float, float | None, float | None] = (now_s, None, None)  # time, roll, pitch
+        self._turn_rate: tuple[float, float | None] = (now_s, None)  # time, rate [rad/s]
+        self._attitude: tuple[float, float | None, float | None] = (now_s, None, None)  # time, roll, pitch [rad]
         self._true_count = 0
         self._true_s = now_s
 

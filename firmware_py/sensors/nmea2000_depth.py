@@ -36,7 +36,7 @@ class Nmea2000Depth(Nmea2000Device[DepthSample]):
 
     A positive offset is the depth of the transducer; a negative one is the distance to the keel and is not used. A
     depth of 0 below the transducer means that the sounder has lost the bottom, and gives no sample. Every depth message
-    of the device counts as accepted.
+    of the device with a depth in range, or without one, counts as accepted.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000DepthOptions) -> None:

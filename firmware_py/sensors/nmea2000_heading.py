@@ -11,14 +11,16 @@ from firmware_py.sensors.nmea2000_layout import Values
 HEADING: Final = 127250
 _TRUE, _MAGNETIC = 0, 1  # field `reference`
 
-Heading = tuple[float, NorthReference, float | None]  # heading [rad], its reference, the variation that it contains
+# Heading [rad], its reference, and the variation [rad, east positive] that the message states; None: not stated.
+Heading = tuple[float, NorthReference, float | None]
 
 
 def heading_of(values: Values) -> Heading | None:
     """Return the heading of a message, None without one or with an unknown reference.
 
-    The field of the heading is that of the sensor: a magnetic one plus the deviation is the magnetic heading, plus the
-    variation the true heading, as in HDG of NMEA 0183. A missing deviation counts as 0.
+    If the reference is magnetic, the field `heading_rad` is the reading of the sensor, as in HDG of NMEA 0183: the
+    reading plus the deviation is the magnetic heading, and this plus the variation is the true heading (east positive).
+    A missing deviation counts as 0.
     """
     heading_rad, reference, variation_rad = values["heading_rad"], values["reference"], values["variation_rad"]
     if heading_rad is None or reference not in (_TRUE, _MAGNETIC):

@@ -18,7 +18,7 @@ MAX_MESSAGE_BYTES = 223  # of a fast packet
 
 
 class Field(NamedTuple):
-    """A number: name with unit, first bit, width, sign, resolution, and the lowest and highest valid integer."""
+    """A number: name with unit, first bit, width in bits, resolution in that unit, lowest and highest valid integer."""
 
     name: str
     first_bit: int
@@ -30,7 +30,7 @@ class Field(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """A message: name, least number of bytes, whether it is a fast packet, numbers, and texts (name, byte, length)."""
+    """A message: name, least number of bytes, whether it is a fast packet, numbers, texts (name, first byte, bytes)."""
 
     name: str
     min_bytes: int

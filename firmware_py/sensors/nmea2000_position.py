@@ -42,8 +42,8 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
     """Returns one sample per PGN 129029 of one device, with the latest course and speed (129026) of the device.
 
     PGN 129029 states how the position was measured. A receiver that does not send it gives one sample per PGN 129025
-    instead, as a fix without altitude, with the time of PGN 126992. Every position
-    message of the device counts as accepted, also one without a fix. A device without a fix for SOURCE_TIMEOUT_S is
+    instead, as a fix without altitude, with the time of PGN 126992. Every position message of the device that is used
+    counts as accepted, also one without a fix. A device without a fix for SOURCE_TIMEOUT_S is
     replaced by another one that has a fix.
     """
 
@@ -55,8 +55,8 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
 
     def _forget(self, now_s: float) -> None:
         """Discard the values of the previous device."""
-        self._gnss_s = now_s  # time of the last PGN 129029, which may follow
-        self._course: tuple[float, float | None, float | None] = (now_s, None, None)  # time, course, speed
+        self._gnss_s = now_s  # time of the last PGN 129029; before the first one, of the start of the wait for it
+        self._course: tuple[float, float | None, float | None] = (now_s, None, None)  # time, course [rad], speed [m/s]
         self._utc: tuple[float, float] | None = None  # time, UTC of PGN 126992
         self._last_utc: tuple[float, float] | None = None  # the last UTC of a fix, and when it first arrived
 
@@ -85,7 +85,7 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
             self._samples.append(PositionSample(now_s, FixType.NONE, satellites=satellites))
         elif is_gnss or is_selected:
             if not is_selected:
-                self._is_time_frozen(utc_s, now_s)  # the first time of the device
+                self._is_time_frozen(utc_s, now_s)  # stores the first UTC of the device
             self._append(values, fix, utc_s, now_s)
 
     def _note_values(self, pgn: int, values: Values, now_s: float) -> None:
@@ -132,7 +132,7 @@ class Nmea2000Position(Nmea2000Device[PositionSample]):
         return self._utc[1] + now_s - self._utc[0]
 
     def _is_time_frozen(self, utc_s: float | None, now_s: float) -> bool:
-        """Return whether the time of PGN 129029 has not advanced for MAX_REPEATED_TIME_S."""
+        """Store the time of a PGN 129029; return whether it has not advanced for MAX_REPEATED_TIME_S."""
         if utc_s is None:
             return False
         if self._last_utc is None or self._last_utc[0] != utc_s:

@@ -22,7 +22,8 @@ from firmware_py.sensors.nmea2000_source import AUTOMATIC, SourceSelection
 from firmware_py.sensors.nmea2000_table import LAYOUTS
 
 START_INTERVAL_S = 5.0  # between two start commands while no message is used
-# A bus transmits at most 1900 frames a second. A read has up to 85 lines, so one read per call may be too few.
+# A bus transmits at most 1900 frames a second. A read has up to 85 lines, so the line is read again, at most
+# MAX_READS times per call, after a read of at least FULL_READ_BYTES.
 MAX_READS, FULL_READ_BYTES = 8, 2048
 MAX_MESSAGES_HZ, MAX_MESSAGE_BURST = 500.0, 200  # of one driver
 
@@ -75,23 +76,23 @@ class Nmea2000Reader:
         self._gateway = self._create_gateway()
         self._rejected = 0
         self._budget = TokenBucket(MAX_MESSAGE_BURST, MAX_MESSAGES_HZ)
-        self._start_s = -math.inf
+        self._start_due_s = -math.inf
 
     def restart(self) -> None:
         """Discard incomplete messages and start the gateway: the line was opened again."""
         self._gateway = self._create_gateway()
         self._rejected = 0
-        self._start_s = -math.inf
+        self._start_due_s = -math.inf
         self._selection.restart()
 
     def note_used(self, now_s: float) -> None:
         """Note that a message was used: the gateway forwards what the driver needs."""
-        self._start_s = now_s + START_INTERVAL_S
+        self._start_due_s = now_s + START_INTERVAL_S
 
     def read(self, now_s: float) -> list[Message]:
         """Return the messages of the selected PGNs that have arrived, with the limits of one driver."""
-        if self._form == ACTISENSE and now_s >= self._start_s and self._line.connected:
-            self._start_s = now_s + START_INTERVAL_S
+        if self._form == ACTISENSE and now_s >= self._start_due_s and self._line.connected:
+            self._start_due_s = now_s + START_INTERVAL_S
             self._line.write(START_COMMAND)
         messages: list[Message] = []
         dropped = 0

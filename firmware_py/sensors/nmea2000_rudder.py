@@ -48,15 +48,15 @@ class Nmea2000RudderOptions(Nmea2000Options):
 class Nmea2000Rudder(Nmea2000Device[RudderAngleSample]):
     """Returns the angles of PGN 127245 of one rudder of one device; only valid angles count as accepted.
 
-    A positive angle turns the boat to starboard. An autopilot on the bus sends the ordered angle without a position in
-    the same message, and may do so with another instance; messages without a position are not used.
+    A positive angle turns the boat to starboard. An autopilot on the bus sends its ordered angle with the same PGN, but
+    without a position, and perhaps with another instance; messages without a position are not used.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000RudderOptions) -> None:
         """Store line and options."""
         super().__init__(line, options, DeviceRole.RUDDER_ANGLE, "rudder angle", (RUDDER,), SOURCE_TIMEOUT_S)
         self._options = options
-        self._instance: tuple[float | int | None] | None = None  # of the first angle of the device
+        self._instance: tuple[float | int | None] | None = None  # of the first angle; its field may be None
 
     def _forget(self, _now_s: float) -> None:
         """Discard the values of the previous device."""

@@ -33,7 +33,7 @@ class SourceSelection:
 
     @property
     def address(self) -> int | None:
-        """The address of the selected device, None before its first message."""
+        """The address of the selected device; None before its first message, or after another device has taken it."""
         return self._address
 
     def restart(self) -> None:
@@ -49,7 +49,7 @@ class SourceSelection:
         return source <= MAX_ADDRESS and (self._configured in (AUTOMATIC, source) or source == self._address)
 
     def accepts(self, source: int, now_s: float) -> bool:
-        """Return whether to use a message of the quantity from this address."""
+        """Return whether to use a message of the quantity from this address; select its device if none is active."""
         if source > MAX_ADDRESS:
             return False
         if source != self._address:
@@ -82,7 +82,7 @@ class SourceSelection:
 
     @property
     def missing_text(self) -> str:
-        """Why there is nothing from the configured address although another device sends; empty if so."""
+        """States that another device sends, but not the configured one; empty if the latter sends or no device does."""
         if self._unused is None or self._address is not None:
             return ""
         return f"no {self._quantity} from source 0x{self._configured:02x}, but from 0x{self._unused:02x}"

@@ -37,7 +37,7 @@ class Nmea2000Wind(Nmea2000Device[WindSample]):
     """Returns the wind of PGN 130306 of one device.
 
     The apparent wind is preferred, as with NMEA 0183: instruments that compute a true wind send it beside the sensor.
-    Messages of the selected device count as accepted, also those without a wind.
+    Messages that give a sample count as accepted, and messages without a wind unless another device is selected.
     """
 
     def __init__(self, line: ByteLine, options: Nmea2000WindOptions) -> None:
@@ -58,7 +58,7 @@ class Nmea2000Wind(Nmea2000Device[WindSample]):
             return
         check_range(wind_m_s, 0.0, MAX_WIND_M_S, "wind_speed_m_s")
         if not self._selection.is_candidate(message.source):
-            self._selection.accepts(message.source, now_s)  # reported once
+            self._selection.accepts(message.source, now_s)  # only reports the other source, once
             return
         if not self._preference.accepts(reference, now_s) or not self._is_used(message, now_s):
             return

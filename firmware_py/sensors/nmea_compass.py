@@ -66,7 +66,7 @@ class NmeaCompass(SensorDriver[HeadingSample]):
         self._attitude: dict[str, tuple[float, float]] = {}  # time and angle [rad] by name
         self._true_count = 0
         self._true_s = 0.0
-        self._stated_variation: tuple[float, float, float] | None = None  # time, true heading and variation of HDG
+        self._stated_variation: tuple[float, float, float] | None = None  # time, true heading, variation [deg] of HDG
         self._uses_stated_variation = False  # whether other true headings contain the variation of HDG
 
     def receive(self, now_s: float) -> None:
@@ -120,6 +120,7 @@ class NmeaCompass(SensorDriver[HeadingSample]):
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
         variation_deg, deviation_deg = numbers.get("variation_deg"), numbers.get("deviation_deg")
         if deviation_deg is not None and abs(deviation_deg) > MAX_DEVIATION_DEG and not variation_deg:
+            # Some compasses state the variation as deviation: the heading counts as magnetic.
             true_deg, variation_deg = None, deviation_deg
         if true_deg is not None:
             if variation_deg is None:

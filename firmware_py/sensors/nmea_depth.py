@@ -87,13 +87,13 @@ class NmeaDepth(SensorDriver[DepthSample]):
         if kind == "DBS":
             depth_m = numbers["depth_below_surface_m"]
         elif kind == "DBK":
-            keel_m = numbers["depth_below_keel_m"]
-            depth_m = None if not keel_m else keel_m + self._options.keel_depth_m
+            below_keel_m = numbers["depth_below_keel_m"]
+            depth_m = None if not below_keel_m else below_keel_m + self._options.keel_depth_m
         else:
             offset_m = numbers.get("offset_m")
             transducer_m = offset_m if offset_m is not None and offset_m > 0.0 else transducer_m
-            below_m = numbers["depth_below_transducer_m"]
-            depth_m = None if not below_m else below_m + transducer_m
+            below_transducer_m = numbers["depth_below_transducer_m"]
+            depth_m = None if not below_transducer_m else below_transducer_m + transducer_m
         return DepthSample(now_s, depth_m, transducer_m) if depth_m else None
 
 

@@ -45,7 +45,7 @@ def to_number(text: str) -> float | None:
 
 
 def number_field(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
-    """Return a reader of a number in [low, high]; with `unit` the next field must be that letter."""
+    """Return a reader of a number in [low, high] times `scale`; with `unit` the next field must be that letter."""
 
     def read(fields: Fields) -> float | None:
         value = to_number(fields[index])
@@ -134,7 +134,7 @@ def time_of_day_field(index: int) -> Reader:
 
 
 def short_date_field(time_index: int, date_index: int) -> Reader:
-    """Return a reader of a time and ddmmyy as seconds since 1970-01-01 UTC; the year is nearest to this version's.
+    """Return a reader of a time and ddmmyy as seconds since 1970-01-01 UTC; the century is that of `full_year`.
 
     An invalid date gives None, because the position in the same sentence is still valid.
     """
@@ -154,7 +154,10 @@ def short_date_field(time_index: int, date_index: int) -> Reader:
 
 
 def long_date_field(time_index: int, day_index: int) -> Reader:
-    """Return a reader of a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC."""
+    """Return a reader of a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC.
+
+    An empty field or a date of zeros gives None; another invalid date raises MessageError.
+    """
     read_time = time_of_day_field(time_index)
 
     def read(fields: Fields) -> float | None:

@@ -86,8 +86,8 @@ class NmeaPosition(SensorDriver[PositionSample]):
     the next one starts, or EPOCH_TIMEOUT_S after its last sentence; its time stamp is the arrival of that sentence.
     The fix is NONE if any sentence reports no valid fix (status V, quality 0, a mode without a measured position), or
     if the time of day does not advance, because a hanging receiver repeats an old position. The date is that of RMC,
-    otherwise of ZDA; without a date the UTC is extrapolated from the last one. Every valid position sentence counts as
-    accepted, also one without a fix.
+    otherwise of ZDA; without a date the UTC is extrapolated from the last one. Every valid sentence counts as accepted,
+    also one without a fix.
     """
 
     def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:

@@ -12,7 +12,7 @@ KindT = TypeVar("KindT")
 HOLD_S = 5.0  # time after which a better kind that has stopped is replaced
 
 MAX_WIND_M_S = 120.0  # the strongest gust ever measured at the surface, outside tornadoes, is 113 m/s
-# The apparent wind is what the sensor measures; heading and motion of the boat are known better than to the sensor.
+# The sensor measures the apparent wind and computes the others; the autopilot knows heading and motion better.
 WIND_RANKS: Mapping[WindReference, int] = {
     WindReference.APPARENT: 0,
     WindReference.NORTH: 1,

@@ -40,7 +40,10 @@ class DecodedSentence(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Fields of one kind of sentence: topic, minimum number of fields, and the reader of each value."""
+    """Fields of one kind of sentence: topic, minimum number of fields, name and reader of each number.
+
+    `derived` are names of further numbers and functions that compute them from those that were read.
+    """
 
     topic: str
     min_fields: int
@@ -92,12 +95,15 @@ def _depth_layout(name: str) -> Layout:
     return Layout("depth", 6, ((name, _first_value_field(metres, feet, fathoms)),))
 
 
-def _depth_with_offset(side: float) -> Callable[[Numbers], float | None]:
-    """Return a function that adds the offset to a depth: positive to the surface, negative to the keel."""
+def _depth_with_offset(sign: float) -> Callable[[Numbers], float | None]:
+    """Return a function that adds an offset with this sign to a depth below the transducer, else returns None.
+
+    A positive offset gives the depth below the surface, a negative one the depth below the keel.
+    """
 
     def derive(numbers: Numbers) -> float | None:
         depth_m, offset_m = numbers["depth_below_transducer_m"], numbers["offset_m"]
-        return None if depth_m is None or offset_m is None or side * offset_m <= 0.0 else depth_m + offset_m
+        return None if depth_m is None or offset_m is None or sign * offset_m <= 0.0 else depth_m + offset_m
 
     return derive
 

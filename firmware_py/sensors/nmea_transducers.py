@@ -15,7 +15,10 @@ MAX_NAME_CHARACTERS = 20  # of an unknown transducer in a report
 
 
 class Quantity(NamedTuple):
-    """A quantity: transducer type, allowed range and names in capitals; "" for a group without a name."""
+    """A quantity: transducer type, allowed range and names in capitals; "" for a group without a name.
+
+    Types: A angle, C temperature, H humidity, P pressure, S speed.
+    """
 
     kind: str
     low: float
@@ -47,7 +50,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "humidity_percent": Quantity("H", 0.0, 100.0, ("AIR", "HUMIDITY", "RH", "ENV_OUTSIDE_H", "0", "")),
     "inside_humidity_percent": Quantity("H", 0.0, 100.0, ("ENV_INSIDE_H",)),
 }  # fmt: skip
-# Factor and offset by type and unit.
+# Factor and offset that convert a value to the unit of the quantity, by transducer type and unit letter.
 UNITS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("A", "D"): (1.0, 0.0),
     ("C", "C"): (1.0, 0.0),

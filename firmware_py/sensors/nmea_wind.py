@@ -89,7 +89,7 @@ class NmeaWind(SensorDriver[WindSample]):
 
 
 def _read_angle(kind: str, decoded: DecodedSentence) -> tuple[WindReference | None, float | None]:
-    """Return the angle of a wind sentence [deg] and its reference, None if it is not valid."""
+    """Return the reference and the angle [deg] of a wind sentence; one of them is None if it is not valid."""
     numbers = decoded.numbers
     if kind == "MWD":
         north_deg = numbers["wind_from_true_deg"]

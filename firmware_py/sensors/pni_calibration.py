@@ -21,6 +21,7 @@ COMMAND_INTERVAL_S = 0.2  # between two commands
 MAX_SAMPLING_S = 600.0  # for the full circle
 MAX_SCORING_S = 150.0  # the manual states more than a minute
 MAX_SAVING_S = 5.0
+SAMPLED_PERCENT, SAVING_PERCENT = 95, 99  # progress with all samples, and with a good score
 _CALIBRATION_2D = 20
 _POINT_COUNT_ID, _AUTOMATIC_SAMPLING_ID = 12, 13
 
@@ -39,7 +40,7 @@ class PniCalibration:
         """Start the calibration at now_s."""
         self._frames = list(_START_FRAMES)
         self._due_s = now_s
-        self._timeout_s = now_s + MAX_SAMPLING_S
+        self._deadline_s = now_s + MAX_SAMPLING_S
         self._sampled_points = 0
         self._report = Calibration(CalibrationState.RUNNING)
         self._handlers: Mapping[int, Callable[[bytes, float], None]] = {
@@ -55,7 +56,7 @@ class PniCalibration:
 
     def next_frame(self, now_s: float) -> bytes | None:
         """Return the command that is due, None without one; after a timeout the calibration fails."""
-        if now_s > self._timeout_s:
+        if now_s > self._deadline_s:
             self._end(
                 CalibrationState.FAILED, f"Compass calibration failed: timeout after {self._sampled_points} points"
             )
@@ -78,9 +79,9 @@ class PniCalibration:
         if len(payload) != 4:
             return
         self._sampled_points = min(POINT_COUNT, int.from_bytes(payload, "big"))
-        self._report = Calibration(CalibrationState.RUNNING, 95 * self._sampled_points // POINT_COUNT)
+        self._report = Calibration(CalibrationState.RUNNING, SAMPLED_PERCENT * self._sampled_points // POINT_COUNT)
         if self._sampled_points == POINT_COUNT:
-            self._timeout_s = now_s + MAX_SCORING_S
+            self._deadline_s = now_s + MAX_SCORING_S
 
     def _handle_score(self, payload: bytes, now_s: float) -> None:
         if len(payload) != 24:
@@ -92,14 +93,15 @@ class PniCalibration:
             text = f"Compass calibration not saved: score {value}, at most {MAX_SCORE:g}; switch the compass off and on"
             self._end(CalibrationState.FAILED, text)
             return
-        self._report = Calibration(CalibrationState.RUNNING, 99, f"Compass calibrated and saved: score {score:.1f}")
+        text = f"Compass calibrated and saved: score {score:.1f}"
+        self._report = Calibration(CalibrationState.RUNNING, SAVING_PERCENT, text)
         self._frames = [pni.encode(Frame.SAVE)]
-        self._due_s, self._timeout_s = now_s, now_s + MAX_SAVING_S
+        self._due_s, self._deadline_s = now_s, now_s + MAX_SAVING_S
 
     def _handle_save_done(self, payload: bytes, _now_s: float) -> None:
-        if self._report.percent < 99:
-            return
-        if payload == b"\x00\x00":
+        if self._report.percent < SAVING_PERCENT:
+            return  # no save was requested
+        if payload == b"\x00\x00":  # error code 0: saved
             self._end(CalibrationState.DONE, self._report.text)
         else:
             self._end(CalibrationState.FAILED, "Compass calibration failed: the compass could not save it")

@@ -1,9 +1,9 @@
 """Driver of digital compasses of RION and BWSENSING with their common serial protocol.
 
 Sources: RION HCM370B and HCM705B user manuals and the data sheet of the HCM605B (frame of 14 bytes with a status);
-BWSENSING BMR3000 technical manual. A frame is identifier (68 RION, 77 BWSENSING), length from itself to the checksum,
-address, command, data, and the sum of the bytes after the identifier modulo 256. An angle has three bytes: a nibble
-with the sign (0 or 1) and five decimal digits in hundredths of a degree.
+BWSENSING BMR3000 technical manual. A frame is identifier (hexadecimal 68 RION, 77 BWSENSING), length from itself to the
+checksum, address, command (in a reply plus 0x80), data, and the sum of the bytes after the identifier modulo 256. An
+angle has three bytes: a nibble with the sign (0 or 1) and five decimal digits in hundredths of a degree.
 
 The manuals name pitch, roll and a heading from 0 to 360 degrees, but do not state the direction of positive pitch and
 roll, nor the sequence of the angles. The driver assumes bow up, starboard side down, and heading, pitch, roll.
@@ -33,14 +33,16 @@ from firmware_py.sensors.packet_receiver import PacketReceiver
 LISTEN_S = 0.5  # before the first request; automatic output has at least 5 Hz
 REPLY_TIMEOUT_S = 0.3
 DATA_TIMEOUT_S = 1.5  # a device that sends by itself is polled again after this time without angles
-MAX_DECLINATION_REQUESTS = 3  # a device that does not answer them is assumed to have none
-MAX_UNANSWERED = 6  # requests, after which it listens and tries both identifiers again
+MAX_DECLINATION_REQUESTS = 3  # a device without a reply to them is assumed to have none
+MAX_MISSING_REPLIES = 6  # consecutive; then the driver listens and tries both identifiers again
 # Number of angles without a request, each at most this time after the previous one, that show automatic output.
 _MIN_UNREQUESTED, _UNREQUESTED_MEMORY_S = 3, 2.5
 
 _IDENTIFIERS = {"auto": (0x68, 0x77), "68": (0x68,), "77": (0x77,)}
 # Angles without and with status, declination, results of settings; all from any address.
 _HEADER = re.compile(rb"[\x68\x77](?:[\x0d\x0e][\x00-\xff]\x84|\x06[\x00-\xff]\x87|\x05[\x00-\xff][\x85-\xd0])")
+_REPLY = 0x80  # bit of the command in a reply
+_LENGTH_WITH_STATUS = 0x0E
 # Bits of the status.
 _FIELD_DISTORTED, _GYROSCOPE_CLIPPED = 1 << 0, 1 << 3
 
@@ -116,7 +118,7 @@ def read_angles(packet: bytes) -> Reading:
     pitch_deg = check_range(_read_decimal(packet[4:7], "pitch") / 100.0, -90.0, 90.0, "pitch")
     roll_deg = check_range(_read_decimal(packet[7:10], "roll") / 100.0, -180.0, 180.0, "roll")
     heading_deg = check_range(_read_decimal(packet[10:13], "heading") / 100.0, 0.0, 360.0, "heading")
-    return Reading(heading_deg, pitch_deg, roll_deg, packet[13] if packet[1] == 0x0E else None)
+    return Reading(heading_deg, pitch_deg, roll_deg, packet[13] if packet[1] == _LENGTH_WITH_STATUS else None)
 
 
 def read_declination_deg(packet: bytes) -> float:
@@ -174,11 +176,11 @@ class RionCompass:
         self._identifier: int | None = None  # of the device
         self._declination_deg: float | None = None  # that the device adds
         self._declination_requests = 0
-        self._request: _Command | None = None  # without an answer so far
-        self._unanswered = 0
+        self._request: _Command | None = None  # without a reply so far
+        self._missing_replies = 0
         self._is_listening = True  # until the first request; angles then show automatic output
-        self._unrequested = 0
-        self._unrequested_s = now_s
+        self._unrequested = 0  # number of successive angles without a request
+        self._unrequested_s = now_s  # time of the last one
         self._due_s = now_s + LISTEN_S  # time of the next request
 
     def _continue_requests(self, now_s: float) -> None:
@@ -186,8 +188,8 @@ class RionCompass:
         if now_s < self._due_s or not self._line.connected:
             return
         if self._request is not None:
-            self._unanswered += 1
-            if self._unanswered == MAX_UNANSWERED:
+            self._missing_replies += 1
+            if self._missing_replies == MAX_MISSING_REPLIES:
                 self._restart(now_s)
                 return
         command = _Command.READ_ANGLES
@@ -200,7 +202,7 @@ class RionCompass:
                 return
             self._unrequested = 0  # the automatic output has ended
         identifiers = _IDENTIFIERS[self._options.identifier]
-        identifier = self._identifier or identifiers[self._unanswered % len(identifiers)]
+        identifier = self._identifier or identifiers[self._missing_replies % len(identifiers)]
         if self._line.write(encode(identifier, self._options.address, command)):
             self._request = command
             self._sent_s = now_s
@@ -217,23 +219,24 @@ class RionCompass:
             monitor.note_unused(f"compass {packet[0]:02X} with address {packet[2]}: not that of the vehicle file")
             return
         try:
-            if packet[3] == _Command.READ_ANGLES | 0x80:
+            if packet[3] == _Command.READ_ANGLES | _REPLY:
                 self._handle_reading(read_angles(packet), packet[0], now_s)
-            elif packet[3] == _Command.READ_DECLINATION | 0x80:
+            elif packet[3] == _Command.READ_DECLINATION | _REPLY:
                 self._declination_deg = read_declination_deg(packet)
                 if self._request is _Command.READ_DECLINATION:
-                    self._note_answer(now_s, now_s)
+                    self._note_reply(now_s, now_s)
         except MessageError as error:
             monitor.reject(now_s, str(error))
 
-    def _note_answer(self, now_s: float, due_s: float) -> None:
+    def _note_reply(self, now_s: float, due_s: float) -> None:
+        """End the pending request; the next one is due at due_s, or at now_s if that is later."""
         self._request = None
-        self._unanswered = 0
+        self._missing_replies = 0
         self._due_s = max(now_s, due_s)
 
     def _handle_reading(self, reading: Reading, identifier: int, now_s: float) -> None:
         self._identifier = identifier
-        self._note_source(now_s)
+        self._schedule_request(now_s)
         if self._needs_declination():
             return
         self._receiver.monitor.accept(now_s)
@@ -254,10 +257,10 @@ class RionCompass:
             )
         )
 
-    def _note_source(self, now_s: float) -> None:
+    def _schedule_request(self, now_s: float) -> None:
         """Set the time of the next request after an angle that was requested, or that the device sent by itself."""
         if self._request is _Command.READ_ANGLES:
-            self._note_answer(now_s, now_s if self._needs_declination() else self._sent_s + self._period_s)
+            self._note_reply(now_s, now_s if self._needs_declination() else self._sent_s + self._period_s)
             return
         is_recent = now_s - self._unrequested_s <= _UNREQUESTED_MEMORY_S
         previous = self._unrequested if is_recent else 0
@@ -267,7 +270,8 @@ class RionCompass:
             self._expect_output()
 
     def _expect_output(self) -> None:
-        self._note_answer(self._unrequested_s, self._unrequested_s + DATA_TIMEOUT_S)
+        """Send no request while the automatic output continues."""
+        self._note_reply(self._unrequested_s, self._unrequested_s + DATA_TIMEOUT_S)
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
@@ -276,9 +280,9 @@ def _decode_capture(data: bytes) -> Iterator[Result]:
 
 def _decode_packet(packet: bytes) -> Result:
     frame = {"identifier": f"{packet[0]:02X}", "address": packet[2], "command": f"{packet[3]:02X}"}
-    if packet[3] == _Command.READ_DECLINATION | 0x80:
+    if packet[3] == _Command.READ_DECLINATION | _REPLY:
         return {"type": "other", **frame, "declination_deg": read_declination_deg(packet)}
-    if packet[3] != _Command.READ_ANGLES | 0x80:
+    if packet[3] != _Command.READ_ANGLES | _REPLY:
         return {"type": "other", **frame, "result": packet[4]}
     reading = read_angles(packet)
     values = {"heading_magnetic_deg": reading.heading_deg, "pitch_deg": reading.pitch_deg, "roll_deg": reading.roll_deg}

@@ -26,6 +26,10 @@ _FLAGS3_OFFSET, _FLAGS3_MIN_SIZE = 78, 92
 # B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
 _HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
 _NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiii")  # up to the course
+# Bits of `flags`, `valid` and `flags3`; the upper two bits of `flags` are the carrier phase solution.
+_FIX_OK, _DIFFERENTIAL, _CARRIER_SHIFT = 1 << 0, 1 << 1, 6
+_UTC_KNOWN = 0b111  # date valid, time valid, no uncertainty of seconds
+_POSITION_INVALID = 1 << 0
 _FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1: dead reckoning only, 5: time only
 _CARRIER_FIXES = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
 
@@ -95,11 +99,11 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
     fields = _NAV_PVT.unpack_from(data)
     fix_type, flags, satellites = fields[10], fields[11], fields[13]
     fix = _FIX_TYPES.get(fix_type, FixType.NONE)
-    is_invalid = len(data) >= _FLAGS3_MIN_SIZE and data[_FLAGS3_OFFSET] & 1
-    if not flags & 1 or is_invalid or fix is FixType.NONE:
+    is_invalid = len(data) >= _FLAGS3_MIN_SIZE and data[_FLAGS3_OFFSET] & _POSITION_INVALID
+    if not flags & _FIX_OK or is_invalid or fix is FixType.NONE:
         return NavPvt(FixType.NONE, satellites)
     if fix is FixType.FIX_3D:
-        fix = _CARRIER_FIXES.get(flags >> 6, FixType.DGPS if flags & 2 else fix)
+        fix = _CARRIER_FIXES.get(flags >> _CARRIER_SHIFT, FixType.DGPS if flags & _DIFFERENTIAL else fix)
     lon_deg, lat_deg, altitude_m = fields[14] * 1e-7, fields[15] * 1e-7, fields[17] * 1e-3
     sog_m_s, cog_deg = fields[23] * 1e-3, fields[24] * 1e-5
     for name, value, low, high in (
@@ -117,7 +121,7 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
 def _compute_utc_s(fields: tuple[int, ...]) -> float | None:
     """Return the UTC, None unless the receiver marks it as valid with known leap seconds and it is in range."""
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
-    if valid & 7 != 7:
+    if valid & _UTC_KNOWN != _UTC_KNOWN:
         return None
     if not (1980 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
         return None

@@ -34,6 +34,7 @@ class Block(msgspec.Struct, frozen=True):
 class Measurement(msgspec.Struct, frozen=True):
     """The values of a block, None if missing; a current into the battery is positive.
 
+    `charge` is the state of charge, 0 to 1; `solar_w` the power of the panels; `load_a` the current of the load output.
     `error` is the error code of a charger, 0 for none; `alarm` are the alarm reasons of a monitor as bits.
     """
 

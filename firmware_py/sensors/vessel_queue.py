@@ -12,7 +12,7 @@ MAX_PENDING_REPORTS = 256
 
 
 class VesselQueue:
-    """Keeps the newest report of each kind and vessel, ordered by the arrival of the first pending one.
+    """Holds the newest report of each kind and vessel, in the order in which its first pending report arrived.
 
     Pending identities of one vessel are merged.
     """
@@ -34,7 +34,7 @@ class VesselQueue:
         return True
 
     def take(self) -> Sequence[VesselReport]:
-        """Return the oldest pending reports, at most MAX_REPORTS_PER_TICK; positions first, as in the log."""
+        """Return and remove the first reports, at most MAX_REPORTS_PER_TICK; positions first, as in the log."""
         if not self._pending:
             return ()
         keys = sorted(islice(self._pending, MAX_REPORTS_PER_TICK), key=lambda key: key[0] is VesselIdentity)

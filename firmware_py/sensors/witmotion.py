@@ -2,8 +2,8 @@
 
 Sources: WIT Standard Communication Protocol (wit-motion.gitbook.io), data sheets of WT901 and HWT905; compared with the
 maker's wit_c_sdk and with the Signal K plugin signalk-hwt901b-imu, whose heading is 360 degrees minus yaw. A packet is
-55, type, four numbers of 16 bits (little endian), and the sum of all bytes before modulo 256. A command is FF AA,
-register, value.
+0x55, type, four numbers of 16 bits (little endian), and the sum of all bytes before modulo 256. A command is FF AA
+(hexadecimal), register, value.
 
 The x axis points to the right of the housing, y ahead, z up. Roll, pitch and yaw turn about x, y and z, in the sequence
 Z-Y-X from east, north and up: on a level boat, roll of the sensor is the pitch of the boat, pitch its roll, and the
@@ -32,17 +32,18 @@ from firmware_py.sensors.packet_receiver import PacketReceiver
 
 COMMAND_INTERVAL_S = 0.1
 REPLY_TIMEOUT_S = 0.5
-CHECK_INTERVAL_S = 10.0  # in which the registers are read again: a power cut restores stored settings
+CHECK_INTERVAL_S = 10.0  # between two reads of the registers: a power cut restores stored settings
 MAX_RATE_TRIES = 2
 DATA_TIMEOUT_S = 2.0  # without a packet, the sensor may have lost power: the set-up starts again
 RATE_HOLD_S = 0.1  # maximum age of the angular rate that belongs to an angle
 
 _SIZE = 11
 _HEADER = re.compile(rb"\x55[\x50-\x5a\x5f]")
-# Takes right, ahead, up to ahead, right, down, and east, north, up to north, east, down; it is its own inverse.
+# Takes (right, ahead, up) to (ahead, right, down), and (east, north, up) to (north, east, down); its own inverse.
 _EXCHANGE: Matrix = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+# Value of the register RATE by rate in Hz.
 _RATE_CODES: Mapping[int, int] = {1: 3, 2: 4, 5: 5, 10: 6, 20: 7, 50: 8, 100: 9, 200: 11}
-_RATE_DEG_S, _ANGLE_DEG = 2000.0 / 32768.0, 180.0 / 32768.0  # of one digit
+_RATE_DEG_S, _ANGLE_DEG = 2000.0 / 32768.0, 180.0 / 32768.0  # per unit of the number
 
 
 class _Type(IntEnum):
@@ -98,7 +99,7 @@ def encode(register: int, value: int) -> bytes:
     return b"\xff\xaa" + struct.pack("<BH", register, value)
 
 
-_UNLOCK = encode(_Register.UNLOCK, 0xB588)  # for ten seconds
+_UNLOCK = encode(_Register.UNLOCK, 0xB588)  # unlocks the registers for ten seconds
 
 
 def create_framer() -> PacketFramer:
@@ -132,9 +133,9 @@ def ned_from_sensor(angles_deg: Vector) -> Matrix:
 class WitmotionCompass:
     """Reads the angles of the sensor, after it has confirmed that they are referenced to magnetic north.
 
-    With six axes (register 24 is 1) yaw drifts, so it is no heading: the device is faulty as a compass, and its samples
-    have no north, so a second one may use their yaw rate. The registers are read at the start, every CHECK_INTERVAL_S,
-    and after a silence. The rate is set without being stored, so the flash memory is not worn; it is
+    With six axes (register SIX_AXES is 1) yaw drifts, so it is no heading: the state is FAULTY, and the samples have
+    the reference RELATIVE, of which the estimator uses only the yaw rate. The registers are read at the start, every
+    CHECK_INTERVAL_S, and after a silence. The rate is set without being stored, so the flash memory is not worn; it is
     stored only with `save_rate`, if it differs, and once. The checksum is only a sum, so a packet counts only directly
     after another one: two false packets in a row do not occur in noise.
     """
@@ -186,9 +187,9 @@ class WitmotionCompass:
         self._has_nine_axes: bool | None = True if self._options.algorithm == "nine_axis" else None  # None: not known
         self._has_field = True
         self._is_vertical = False
-        self._rates: tuple[float, Vector | None] = (now_s, None)  # time, rates about forward, starboard and down
+        self._rates: tuple[float, Vector | None] = (now_s, None)  # time, rates [rad/s] about forward, starboard, down
         self._temperature_c: float | None = None
-        self._commands: list[bytes] = []  # without an answer
+        self._commands: list[bytes] = []  # to send next; they have no reply
         self._registers: list[_Register] = []  # to read afterwards
         self._is_read_sent = False
         self._rate_tries = 0
@@ -197,11 +198,11 @@ class WitmotionCompass:
     # ------------------------------------------------------------------ set-up
 
     def _continue_set_up(self, now_s: float) -> None:
-        """Send the next command when it is due; a read without an answer is sent again."""
+        """Send the next command when it is due; a read without a reply is sent again."""
         if now_s < self._due_s or not self._line.connected:
             return
         if self._is_read_sent:
-            # No answer. The manual unlocks the registers before a read, the code of the maker does not.
+            # No reply. The manual unlocks the registers before a read, the code of the maker does not.
             self._is_read_sent = False
             self._commands = [_UNLOCK]
         if self._commands:
@@ -218,7 +219,7 @@ class WitmotionCompass:
         self._due_s = now_s + (REPLY_TIMEOUT_S if self._registers else CHECK_INTERVAL_S)
 
     def _handle_registers(self, first: int, now_s: float) -> None:
-        """Handle the answer to a read, which does not contain the number of the register."""
+        """Process the reply to a read, which does not name the register; `first` is the value of the one read."""
         self._is_read_sent = False
         if self._registers[0] is _Register.SIX_AXES:
             if first not in (0, 1):
