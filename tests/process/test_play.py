@@ -12,21 +12,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.modes import Mode
 from support.harness import without_pictures
-from support.program import Program, unused_ports
+from support.program import Program
 from support.station import Station
 
 
 @contextlib.contextmanager
 def playing(tmp_path, speed):
     """Start a run with --play at a speed; yield the program and a ground station."""
-    (port,) = unused_ports(["udpin"])
-    words = ["run", "calm", "--play", "--speed", speed, "--link", f"udpout:127.0.0.1:{port}", "--out", tmp_path / "out"]
-    command = [sys.executable, "-m", "hil", *map(str, words)]
-    with (
-        closing(Program("play", command, tmp_path, env=without_pictures())) as program,
-        closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
-    ):
-        yield program, Station(link, tmp_path)
+    with closing(mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")) as link:
+        url = "udpout:{}:{}".format(*link.port.getsockname())
+        words = ["run", "calm", "--play", "--speed", speed, "--link", url, "--out", tmp_path / "out"]
+        command = [sys.executable, "-m", "hil", *map(str, words)]
+        with closing(Program("play", command, tmp_path, env=without_pictures())) as program:
+            yield program, Station(link, tmp_path)
 
 
 def read_summary(tmp_path):
