@@ -33,7 +33,8 @@ class FaultInput(msgspec.Struct, frozen=True):
 
     `faults` are those set in the last tick, as bits. `..._old`: the timeout has elapsed; for heading and servo also
     without any data since the start, for a position then only if it is needed. An age is None if the event has never
-    happened.
+    happened. `supply_v` is measured at the servo. Charges are 0 to 1; `save_...` are the limits of BATTERY_LOW and
+    `keep_...` those of BATTERY_CRITICAL. `depth_m` is that below the surface, `wind_m_s` a mean. None: not known.
     """
 
     faults: int
@@ -92,7 +93,7 @@ def exceeds(value: float | None, limit: float) -> bool:
 
 
 def has_happened_within(age_s: float | None, max_age_s: float) -> bool:
-    """Return whether an event has happened has_happened_within max_age_s."""
+    """Return whether an event has happened within the last max_age_s."""
     return age_s is not None and age_s <= max_age_s
 
 

@@ -1,4 +1,4 @@
-"""Conditions of the faults present their limits; tests/process/test_faults.py provokes each fault in the program."""
+"""Conditions of the faults at their limits; tests/process/test_faults.py provokes each fault in the program."""
 
 import pytest
 from msgspec.structs import replace
