@@ -68,7 +68,7 @@ class LawConstants(NamedTuple):
     """Constants of the law, as found by `rambler-hil tune --law` (docs/decisions/0014).
 
     `gain_factor` is the proportional gain for w = 1 rad/sqrt(s) and T / K = 1 s^2, `crossover_rad_s` the upper limit of
-    K k. The deadband, as a heading error, is `rest_rad` + `band_sqrt_s` * w.
+    K k. The deadband, as a heading error, is `rest_rad` + `band_sqrt_s` * w. Gain and deadband are for travel weight 1.
     """
 
     gain_factor: float = 136.0
@@ -219,9 +219,11 @@ def proportional_gain(
     ship: Ship, correction_rad2_s: float, price: float, constants: LawConstants = DEFAULT_CONSTANTS
 ) -> float:
     """Return the proportional gain: rudder angle per heading error."""
-    walk_rad = math.sqrt(clamp(correction_rad2_s, MIN_GAIN_CORRECTION_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
+    walk_rad_sqrt_s = math.sqrt(clamp(correction_rad2_s, MIN_GAIN_CORRECTION_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
     model_factor = math.exp(3.0 / 7.0 * math.log1p(ship.turning_lag_s / ship.turning_ability_1_s - 1.0))
-    return min(constants.gain_factor * walk_rad * model_factor, constants.crossover_rad_s / ship.turning_ability_1_s)
+    return min(
+        constants.gain_factor * walk_rad_sqrt_s * model_factor, constants.crossover_rad_s / ship.turning_ability_1_s
+    )
 
 
 def reduced_gain(
@@ -313,10 +315,10 @@ def demand(
         gains_of(ship, gain), reference_error_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s
     )
     demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad
-    band_rad = deadband(estimate.correction_rad2_s, gain, settings.price, settings.constants)
+    deadband_rad = deadband(estimate.correction_rad2_s, gain, settings.price, settings.constants)
     if abs(remaining_rad) > TURNING_RAD:
-        band_rad *= TURNING_SHARE
-    return reference, clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad
+        deadband_rad *= TURNING_SHARE
+    return reference, clamp(demand_rad, -settings.limit_rad, settings.limit_rad), deadband_rad
 
 
 def steer(
@@ -341,5 +343,9 @@ def steer(
     if is_stopped:
         return LawState(reference, reduced_bias_rad), command_rad
     bias_rad = estimate.bias_rad if math.isnan(reduced_bias_rad) else reduced_bias_rad
-    reference, demand_rad, band_rad = demand(settings, reference, estimate, bias_rad, error_rad, step_s, gain_reduction)
-    return LawState(reference, reduced_bias_rad), clamp(command_rad, demand_rad - band_rad, demand_rad + band_rad)
+    reference, demand_rad, deadband_rad = demand(
+        settings, reference, estimate, bias_rad, error_rad, step_s, gain_reduction
+    )
+    return LawState(reference, reduced_bias_rad), clamp(
+        command_rad, demand_rad - deadband_rad, demand_rad + deadband_rad
+    )

@@ -13,7 +13,15 @@ from firmware_py.control.heading_controller import (
 from firmware_py.control.law import IDLE, Gains, LawState, Reference, s_surface
 from firmware_py.model.heading_estimate import HeadingEstimate
 
-ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02)
+ESTIMATE = HeadingEstimate(
+    heading_rad=1.0,
+    correction_rad2_s=math.radians(0.3) ** 2,
+    yaw_rate_rad_s=0.01,
+    bias_rad=0.05,
+    bias_mean_rad=0.05,
+    speed_m_s=0.4,
+    speed_sd_m_s=0.02,
+)
 INITIAL_STATE = LawState(Reference(1.0, 0.0))
 
 
@@ -22,7 +30,8 @@ def settings(mode):
 
 
 def steer(mode, error_rad, *, estimate=ESTIMATE, state=INITIAL_STATE, command_rad=0.0):
-    return update(settings(mode), state, HeadingControllerInput(error_rad, 0.01, estimate, command_rad, 0.1, 1.0))
+    inputs = HeadingControllerInput(error_rad, 0.01, estimate, command_rad, step_s=0.1, gain_reduction=1.0)
+    return update(settings(mode), state, inputs)
 
 
 def test_each_choice_of_ctl_mode_has_a_controller():
@@ -58,5 +67,5 @@ def test_scheduled_controller_keeps_the_command_in_the_deadband_and_at_low_speed
     assert low_rad < high_rad
     inside_rad = 0.4 * low_rad + 0.6 * high_rad
     assert steer(1, 0.001, command_rad=inside_rad)[1] == inside_rad
-    slow = HeadingEstimate(1.0, 1e-5, 0.01, 0.05, 0.05, 0.01, 0.0)
+    slow = ESTIMATE._replace(correction_rad2_s=1e-5, speed_m_s=0.01, speed_sd_m_s=0.0)
     assert steer(1, 0.04, estimate=slow, command_rad=-0.2)[1] == -0.2

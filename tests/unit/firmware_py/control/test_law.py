@@ -13,7 +13,15 @@ from firmware_py.model.kt import scaled
 REDUCED_BIAS_S = 25.0
 
 SETTINGS = LawSettings.of(ParameterSet())
-ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.0, 0.05, 0.05, 0.4, 0.02)
+ESTIMATE = HeadingEstimate(
+    heading_rad=1.0,
+    correction_rad2_s=math.radians(0.3) ** 2,
+    yaw_rate_rad_s=0.0,
+    bias_rad=0.05,
+    bias_mean_rad=0.05,
+    speed_m_s=0.4,
+    speed_sd_m_s=0.02,
+)
 LIMIT_RAD = math.radians(30.0)
 
 
@@ -50,11 +58,11 @@ def test_law_is_the_optimal_regulator_for_small_errors():
 
 def test_reduced_gain_gives_less_rudder_and_a_narrower_deadband():
     on_goal = Reference(ESTIMATE.heading_rad + 0.02, 0.0)
-    _, full_rad, full_band_rad = demand_of(on_goal, ESTIMATE, 0.02)
-    _, reduced_rad, reduced_band_rad = demand_of(on_goal, ESTIMATE, 0.02, gain_reduction=4.0)
+    _, full_rad, full_deadband_rad = demand_of(on_goal, ESTIMATE, 0.02)
+    _, reduced_rad, reduced_deadband_rad = demand_of(on_goal, ESTIMATE, 0.02, gain_reduction=4.0)
     bias_rad = ESTIMATE.bias_rad
     assert 0.0 < reduced_rad - bias_rad < 0.4 * (full_rad - bias_rad)
-    assert reduced_band_rad <= full_band_rad
+    assert reduced_deadband_rad <= full_deadband_rad
 
 
 def test_gain_of_a_slow_boat_is_limited_by_the_nominal_ability_only_while_it_is_reduced():
@@ -101,13 +109,13 @@ def test_reduced_gain_turns_a_delayed_boat_without_oscillation(delay_s, lag_rati
 
 def test_bias_with_reduced_gain_starts_at_the_mean_and_follows_slowly():
     """From the estimated bias of an oscillating boat, the heading error would be 14 deg for ten minutes."""
-    state, _ = law.steer(SETTINGS, IDLE, ESTIMATE._replace(bias_rad=-0.24), 0.0, 0.0, 1.0, 3.0)
+    state, _ = law.steer(SETTINGS, IDLE, ESTIMATE._replace(bias_rad=-0.24), 0.0, 0.0, step_s=1.0, gain_reduction=3.0)
     assert state.bias_rad == ESTIMATE.bias_mean_rad
     other = ESTIMATE._replace(bias_rad=0.15)
     for _ in range(100):
-        state, _ = law.steer(SETTINGS, state, other, 0.0, 0.0, 1.0, 3.0)
+        state, _ = law.steer(SETTINGS, state, other, 0.0, 0.0, step_s=1.0, gain_reduction=3.0)
     assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-100.0 / (2.0 * REDUCED_BIAS_S)), abs=1e-3)
-    assert math.isnan(law.steer(SETTINGS, state, other, 0.0, 0.0, 1.0, 1.0)[0].bias_rad)
+    assert math.isnan(law.steer(SETTINGS, state, other, 0.0, 0.0, step_s=1.0, gain_reduction=1.0)[0].bias_rad)
 
 
 SLOW = ESTIMATE._replace(speed_m_s=0.05, speed_sd_m_s=0.02)
@@ -144,15 +152,15 @@ def test_turn_of_half_a_circle_has_the_commanded_direction():
 
 
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
-def test_command_changes_only_at_the_edge_of_the_deadband(command, error):
-    _, demand, band = demand_of(reference_at(ESTIMATE), ESTIMATE, error)
-    _, updated = law.steer(SETTINGS, IDLE, ESTIMATE, error, command, 0.1, 1.0)
-    assert abs(updated - demand) <= band + 1e-12
-    if abs(command - demand) <= band:
-        assert updated == pytest.approx(command, abs=1e-12)
+def test_command_changes_only_at_the_edge_of_the_deadband(command_rad, error_rad):
+    _, demand_rad, deadband_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, error_rad)
+    _, next_rad = law.steer(SETTINGS, IDLE, ESTIMATE, error_rad, command_rad, step_s=0.1, gain_reduction=1.0)
+    assert abs(next_rad - demand_rad) <= deadband_rad + 1e-12
+    if abs(command_rad - demand_rad) <= deadband_rad:
+        assert next_rad == pytest.approx(command_rad, abs=1e-12)
     else:
-        assert abs(updated - demand) == pytest.approx(band, abs=1e-12)
-        assert min(command, demand) - 1e-12 <= updated <= max(command, demand) + 1e-12
+        assert abs(next_rad - demand_rad) == pytest.approx(deadband_rad, abs=1e-12)
+        assert min(command_rad, demand_rad) - 1e-12 <= next_rad <= max(command_rad, demand_rad) + 1e-12
 
 
 @given(
@@ -163,25 +171,28 @@ def test_command_changes_only_at_the_edge_of_the_deadband(command, error):
     st.floats(0.0, 1.0),
     st.floats(0.0, 1.0),
 )
-def test_demand_stays_within_the_limits_with_any_estimate(error, rate, bias, speed, spread, step):
-    estimate = HeadingEstimate(2.0, spread * spread, rate, bias, bias, speed, 0.1)
+def test_demand_stays_within_the_limits_with_any_estimate(
+    error_rad, yaw_rate_rad_s, bias_rad, speed_m_s, correction_rad_sqrt_s, step_s
+):
+    correction_rad2_s = correction_rad_sqrt_s * correction_rad_sqrt_s
+    estimate = HeadingEstimate(2.0, correction_rad2_s, yaw_rate_rad_s, bias_rad, bias_rad, speed_m_s, 0.1)
     reference = reference_at(estimate)
     for _ in range(4):
-        reference, demand_rad, band_rad = demand_of(reference, estimate, error, step)
+        reference, demand_rad, deadband_rad = demand_of(reference, estimate, error_rad, step_s)
         # The deadband is at most 3.3 deg of heading error times the proportional gain, which grows as the speed falls.
-        ability_1_s = scaled(SETTINGS.model, speed / SETTINGS.model.speed_m_s)[0]
-        max_band_rad = math.radians(3.3) * DEFAULT_CONSTANTS.crossover_rad_s / ability_1_s
+        ability_1_s = scaled(SETTINGS.model, speed_m_s / SETTINGS.model.speed_m_s)[0]
+        max_deadband_rad = math.radians(3.3) * DEFAULT_CONSTANTS.crossover_rad_s / ability_1_s
         assert abs(demand_rad) <= LIMIT_RAD
-        assert 0.0 < band_rad < max_band_rad
+        assert 0.0 < deadband_rad < max_deadband_rad
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)
 
 
 @pytest.mark.parametrize(("error_deg", "share"), [(3.0, 1.0), (-3.0, 1.0), (3.01, 0.1), (-3.01, 0.1)])
 def test_deadband_is_a_tenth_in_a_turn_of_more_than_3_deg(error_deg, share):
-    _, _, band_at_goal_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, 0.0)
-    _, _, band_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, math.radians(error_deg))
-    assert band_rad == pytest.approx(share * band_at_goal_rad)
+    _, _, deadband_at_goal_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, 0.0)
+    _, _, deadband_rad = demand_of(reference_at(ESTIMATE), ESTIMATE, math.radians(error_deg))
+    assert deadband_rad == pytest.approx(share * deadband_at_goal_rad)
 
 
 def test_boat_without_steerage_way_has_a_demand_from_an_error_of_3_deg():
@@ -192,8 +203,8 @@ def test_boat_without_steerage_way_has_a_demand_from_an_error_of_3_deg():
 @pytest.mark.parametrize(("mean_rad", "start_rad"), [(0.2, 0.2), (-0.2, -0.2), (0.24, -0.24), (0.25, -0.24)])
 def test_reduced_bias_starts_at_the_smaller_of_mean_and_estimate(mean_rad, start_rad):
     estimate = ESTIMATE._replace(bias_rad=-0.24, bias_mean_rad=mean_rad)
-    assert law.update_reduced_bias(math.nan, estimate, 1.0, 3.0) == start_rad
-    assert math.isnan(law.update_reduced_bias(0.1, estimate, 1.0, 1.0))
+    assert law.update_reduced_bias(math.nan, estimate, step_s=1.0, gain_reduction=3.0) == start_rad
+    assert math.isnan(law.update_reduced_bias(0.1, estimate, step_s=1.0, gain_reduction=1.0))
 
 
 def test_turn_beyond_half_a_circle_is_not_wrapped():

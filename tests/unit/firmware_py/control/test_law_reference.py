@@ -18,7 +18,7 @@ def ship_at(speed_m_s, bias_rad=0.0):
 
 
 def simulate_turn(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
-    """Return headings and rudder angles of the reference for a boat that follows it exactly."""
+    """Return headings and rudder angles [rad] of the reference for a boat that follows it exactly."""
     reference, goal = Reference(0.0, 0.0), math.radians(step_deg)
     headings, rudders, unwrapped = [], [], 0.0
     for _ in range(round(seconds / step_s)):
@@ -42,7 +42,7 @@ def test_reference_reaches_the_goal_without_overshoot(speed_m_s, step_deg, bias_
     assert max(abs(rudder) for rudder in rudders) <= LIMIT_RAD + 1e-12
 
 
-def test_reference_turns_by_55_deg_in_43_5_s_in_the_tank():
+def test_reference_of_a_60_deg_turn_in_the_tank_reaches_55_deg_in_less_than_43_5_s():
     headings, _ = simulate_turn(ship_at(0.4), 60.0, 60.0)
     ticks = next(index for index, heading in enumerate(headings) if heading >= math.radians(55.0))
     assert 0.1 * ticks < 43.5
@@ -66,13 +66,13 @@ def test_reference_is_stable_at_other_loop_rates(step_s):
 
 
 def test_stopping_angle_solves_the_k_t_equation():
-    ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
-    expected = stopping_angle(ship, rate, brake)
-    while rate > 0.0:
-        angle += rate * 0.001
-        rate += 0.001 * (-ship.turning_ability_1_s * brake - rate) / ship.turning_lag_s
-    assert angle == pytest.approx(expected, rel=1e-2)
-    assert stopping_angle(ship, -0.02, brake) == -expected
+    ship, rate_rad_s, angle_rad, brake_rad = ship_at(0.4), 0.02, 0.0, 0.4
+    expected_rad = stopping_angle(ship, rate_rad_s, brake_rad)
+    while rate_rad_s > 0.0:
+        angle_rad += rate_rad_s * 0.001
+        rate_rad_s += 0.001 * (-ship.turning_ability_1_s * brake_rad - rate_rad_s) / ship.turning_lag_s
+    assert angle_rad == pytest.approx(expected_rad, rel=1e-2)
+    assert stopping_angle(ship, -0.02, brake_rad) == -expected_rad
 
 
 def test_lead_over_a_boat_that_does_not_follow_is_limited():
