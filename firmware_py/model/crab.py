@@ -18,9 +18,9 @@ def heading_for_course(
 
     The course through the water is leeway_rad to starboard of the heading.
 
-    If the cross current is as fast as the boat, no heading gives the course. If the current is slower than the boat,
-    the heading is then mostly against the cross current. If it is faster, only courses near its direction are possible:
-    the heading is that for the nearest possible course or, if the boat cannot approach, that of the smallest loss.
+    If the cross current is nearly as fast as the boat or faster, no heading gives the course. In a current slower than
+    the boat, the heading is then that of the maximum crab angle. In a faster one, only courses near its direction are
+    possible: the heading is that for the nearest possible course or, if the boat cannot approach, of the smallest loss.
     """
     across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
     if speed_m_s <= 0.0:
