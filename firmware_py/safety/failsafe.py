@@ -5,8 +5,8 @@ which the autopilot steers. In MANUAL only the loss of the ground station acts, 
 no fault acts. In a mode that a failsafe has chosen, every fault acts.
 
 Of the faults that act, the first in the order of precedence decides until it has cleared. It enters the first possible
-mode of its ladder, and a better one once that becomes possible. A later intent of the operator overrules all active
-faults; each of them acts again only after it has cleared.
+mode of its ladder (`failsafe_ladder`), and an earlier one of the ladder once that becomes possible. A later intent of
+the operator overrules all active faults; each of them acts again only after it has cleared.
 """
 
 from __future__ import annotations

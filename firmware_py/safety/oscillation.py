@@ -31,8 +31,9 @@ MIN_ERROR_RAD: Final = radians(1.5)
 MIN_ERROR_SD: Final = 2.0  # in standard deviations of the heading
 MIN_RUDDER_RAD: Final = radians(2.0)  # larger than the deadband
 RETURN_SHARE: Final = 0.2  # share of the minimum error that the error must have on the other side
-MIN_LAGS: Final = 1.5  # of a half cycle, in turning lags of the model
-MIN_WAVE_PERIODS: Final = 0.75  # of a half cycle
+# Minimum time from the start of a half cycle to its peak.
+MIN_LAGS: Final = 1.5  # in turning lags of the model
+MIN_WAVE_PERIODS: Final = 0.75
 REDUCTION_STEP: Final = 8.0
 MAX_REDUCTION: Final = 16.0  # second step; with a larger reduction a turn takes too long
 HALF_CYCLES_PER_PEAK: Final = 2.0  # length of a half cycle divided by the time to its peak
@@ -136,12 +137,12 @@ def update(model: KtModel, state: OscillationState, inputs: OscillationInput, no
     return state
 
 
-def is_large(model: KtModel, inputs: OscillationInput, error_rad: float, length_s: float) -> bool:
-    """Return whether the error and the length of a half cycle are large enough for a limit cycle."""
+def is_large(model: KtModel, inputs: OscillationInput, error_rad: float, time_s: float) -> bool:
+    """Return whether an error, and the time to it from the start of its half cycle, suffice for a limit cycle."""
     if error_rad < max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
         return False
     lag_s = model.turning_lag_s / (max(inputs.speed_m_s, 0.1 * model.speed_m_s) / model.speed_m_s)
-    return length_s >= max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * inputs.wave_period_s)
+    return time_s >= max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * inputs.wave_period_s)
 
 
 def with_half(state: OscillationState, half: HalfCycle, goal_rad: float) -> OscillationState:

@@ -36,7 +36,7 @@ class PowerMonitorState(msgspec.Struct, frozen=True):
 
 
 class Supply(msgspec.Struct, frozen=True):
-    """State of battery, panels and loads; None: not measured. A current into the battery is positive."""
+    """State of battery, panels and loads; None: not measured. Current into the battery is positive; charge: 0 to 1."""
 
     voltage_v: float | None = None
     current_a: float | None = None

@@ -47,8 +47,8 @@ class RudderMonitorState(msgspec.Struct, frozen=True):
 
     `side`: direction to the command (1, -1; 0: at the command). `jammed_rad`: angle at which the rudder jammed, None:
     it is not jammed. `high_current_s`: time since which the current is too high. `overloaded`: it has been too high for
-    OVERLOAD_S. `relieved_s`: time when the rudder was last relieved, None: it is not relieved. `release_rad`: command
-    without torque of the servo.
+    OVERLOAD_S. `relieved_s`: time when the rudder was last relieved, None: it is not relieved. `measured_rad`: last
+    measured angle. `release_rad`: command without torque of the servo.
     """
 
     progress_rad: float | None = None

@@ -168,21 +168,23 @@ def update(
     ability_1_s, lag_s, _ = scaled(model, clamp(speed_m_s, 0.1 * nominal_m_s, 10.0 * nominal_m_s) / nominal_m_s)
     turn_per_rudder, decay = ability_1_s * step_s, math.exp(-step_s / CORRELATION_S)
     noise = (NOISE_SHARE * heading_sd_rad) * (NOISE_SHARE * heading_sd_rad)
-    heading = noise if math.isnan(state.heading_variance) else state.heading_variance
+    heading_variance = noise if math.isnan(state.heading_variance) else state.heading_variance
     gust_variance = max(MIN_GUST_RAD2_S, DIFFUSION_SHARE * diffusion_rad2_s / (ability_1_s * ability_1_s)) / step_s
-    heading += turn_per_rudder * (
+    heading_variance += turn_per_rudder * (
         2.0 * state.covariance + turn_per_rudder * (state.disturbance_variance + gust_variance)
     )
     covariance = decay * (state.covariance + turn_per_rudder * state.disturbance_variance)
-    disturbance = decay * decay * state.disturbance_variance + (1.0 - decay * decay) * state.disturbance_power_rad2
-    variance = heading + noise
-    heading_gain, disturbance_gain = heading / variance, covariance / variance
+    predicted_variance = (
+        decay * decay * state.disturbance_variance + (1.0 - decay * decay) * state.disturbance_power_rad2
+    )
+    variance = heading_variance + noise
+    heading_gain, disturbance_gain = heading_variance / variance, covariance / variance
     rudders_rad = (rudder_rad, *state.rudders_rad[:-1])
     max_rudder_turn_rad = turn_per_rudder * FULL_RUDDER_RAD
     if turned_rad * turned_rad > WAVE_TURN_SDS * WAVE_TURN_SDS * (variance + max_rudder_turn_rad * max_rudder_turn_rad):
         return restart_after_gap(state)
     near_s = min(state.near_s + step_s, DISTURBANCE_MEMORY_S) if is_near else state.near_s
-    disturbance_variance = disturbance - disturbance_gain * covariance
+    disturbance_variance = predicted_variance - disturbance_gain * covariance
     block = Block(
         turned_rad, step_s, lag_s, turn_per_rudder, decay, heading_gain, disturbance_gain, variance, is_near,
         0.0 if is_manual else error_rad,
@@ -200,7 +202,8 @@ def update(
     if is_lost != state.lost:
         boats = restart_all(boats, LOST if is_lost else RECOVERED)
     return SteeringLossState(
-        rudders_rad, speed_m_s, seen_s, near_s, heading * (1.0 - heading_gain), covariance * (1.0 - heading_gain),
+        rudders_rad, speed_m_s, seen_s, near_s, heading_variance * (1.0 - heading_gain),
+        covariance * (1.0 - heading_gain),
         disturbance_variance, disturbance_power_rad2, boats, is_lost,
     )  # fmt: skip
 
@@ -315,8 +318,8 @@ def restart_all(b: Boats, reason: int) -> Boats:
 def restart(number: int, boat: ResponseState, reason: int, first: ResponseState) -> ResponseState:
     """Return the boat with a sum of 0.
 
-    After a loss, each filter is that of the nominal boat without a rudder; after a recovery, that of its boat with a
-    rudder.
+    After a loss, each filter continues from the estimate of the nominal boat without a rudder; after a recovery, from
+    that of its own boat with a rudder; after an interruption, the residual is 0.
     """
     residual_rad, disturbance_rad, turn_ratio = 0.0, boat.disturbance_rad, RESPONSES[number].turn_ratio
     if reason == LOST:

@@ -78,6 +78,7 @@ def update(
 ) -> SteeringMonitorState:
     """Return the state after a tick. At the end of a block, the tests use its turn and its mean rudder.
 
+    `servo_reversed` is RUD_REVERSE; a change restarts the test for reversed steering.
     The estimated yaw rate is not used, because it is predicted from the rudder; the heading is measured.
     """
     block, reversal, loss = state.block, state.reversal, state.loss

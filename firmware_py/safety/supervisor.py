@@ -23,7 +23,8 @@ from firmware_py.safety.oscillation import OscillationInput, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorState
 
-HARD_OVER_RAD: Final = radians(8.0)  # larger than any rudder angle for trim and wind
+# Without a heading: command that would turn the boat in circles; larger than any rudder angle for trim and wind.
+HARD_OVER_RAD: Final = radians(8.0)
 HARD_OVER_S: Final = 30.0
 # Intents that end a failsafe.
 OVERRULING: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
@@ -33,6 +34,7 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
     """Settings of the monitors, failsafe mode of each fault, and limits of the faults.
 
     `failsafe_modes`: for the faults with a parameter; None: alert only. `resume`: the interrupted mode resumes.
+    `hot_c`: servo temperature. `low_v`: supply voltage at the servo. `station_s`: time without a ground station.
     """
 
     rudder_monitor: RudderMonitorSettings
@@ -69,8 +71,8 @@ class SupervisorState(msgspec.Struct, frozen=True):
     """States of the monitors and the failsafes.
 
     `interrupted`: mode and goal before the failsafe. `left`: mode and goal of the failsafe, which stay after it without
-    FS_RESUME. `hard_over_s`: time since which the rudder is hard over without a heading. `kept_amidships`: the rudder
-    is centred, because it has been hard over for HARD_OVER_S.
+    FS_RESUME. `hard_over_s`: time since which the rudder command exceeds HARD_OVER_RAD without a heading.
+    `kept_amidships`: the rudder is centred, because this has lasted for HARD_OVER_S.
     """
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
@@ -179,7 +181,7 @@ def _resume(modes: ModeState, interrupted: ModeState, situation: Situation) -> t
 def limit_without_heading(
     state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, has_heading: bool
 ) -> tuple[SupervisorState, float]:
-    """Return the rudder demand; without a heading it is 0 after the rudder has been hard over for HARD_OVER_S."""
+    """Return state and demand [rad]; without a heading 0, after HARD_OVER_S with a command above HARD_OVER_RAD."""
     if has_heading or MODES[modes.mode].rudder_by is RudderBy.STICK or not modes.armed:
         if state.hard_over_s is None and not state.kept_amidships:
             return state, demand_rad

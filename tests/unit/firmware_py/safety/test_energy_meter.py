@@ -47,7 +47,7 @@ def test_gap_of_more_than_2_s_in_the_servo_feedback_adds_no_energy(gap_s, energy
     assert run(state, [0.0], 10.0, start_s=1.0 + gap_s).energy_j == pytest.approx(energy_j)
 
 
-def test_values_per_hour_decrease_to_an_eth_in_an_hour():
+def test_sums_of_the_values_per_hour_decrease_to_1_over_e_in_an_hour():
     state = EnergyMeterState(recent_s=3600.0, recent_rad=1.0, recent_reversals=2.0, angle_rad=0.0)
     energy = report(run(state, [0.0], step_s=3600.0), is_torque_released=False)
     share = math.exp(-1.0) / (1.0 + math.exp(-1.0))

@@ -30,7 +30,7 @@ def rad(degrees):
 
 
 class Monitor:
-    """The monitor with its changes of the result as `reports`."""
+    """The monitor; `reports`: (time [s], new value) of each change of `oscillating`."""
 
     def __init__(self):
         self.state, self.t_s, self.reports = OscillationState(), 0.0, []
@@ -172,7 +172,7 @@ INPUTS = OscillationInput(0.0, 0.0, rad(0.5), 0.1, 0.1, MODEL.speed_m_s, 4.0, 0.
 
 
 @pytest.mark.parametrize(
-    ("error_deg", "length_s", "changes", "expected"),
+    ("error_deg", "time_s", "changes", "expected"),
     [
         (1.51, 60.0, {}, True),
         (1.49, 60.0, {}, False),
@@ -188,8 +188,8 @@ INPUTS = OscillationInput(0.0, 0.0, rad(0.5), 0.1, 0.1, MODEL.speed_m_s, 4.0, 0.
         (5.0, 14.9, {"wave_period_s": 20.0}, False),
     ],
 )
-def test_half_cycle_counts_if_it_is_larger_and_longer_than_other_causes(error_deg, length_s, changes, expected):
-    assert is_large(MODEL, INPUTS._replace(**changes), rad(error_deg), length_s) is expected
+def test_half_cycle_counts_if_it_is_larger_and_longer_than_by_other_causes(error_deg, time_s, changes, expected):
+    assert is_large(MODEL, INPUTS._replace(**changes), rad(error_deg), time_s) is expected
 
 
 @pytest.mark.parametrize(

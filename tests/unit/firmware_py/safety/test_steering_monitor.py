@@ -15,7 +15,7 @@ SD_RAD = math.radians(0.5)
 
 
 class Boat:
-    """A boat and its monitor; `turn_ratio` and `lag_ratio` are its K and T divided by those of the model."""
+    """A boat and its monitor; `turn_ratio`, `lag_ratio`: its K and T divided by those of the model; rad, rad/s."""
 
     def __init__(self, bias_rad=0.08, noise_rad=0.004, seed=1):
         self.state, self.t_s, self.heading, self.rate, self.bias_rad = SteeringMonitorState(), 0.0, 6.0, 0.0, bias_rad
@@ -117,8 +117,8 @@ def test_opposite_turn_taken_for_waves_is_detected():
     """The estimated heading is constant, and the compass turns."""
     state = SteeringMonitorState()
     for tick in range(1800):
-        shown_rad = wrap_two_pi(-0.03 * 0.1 * tick)
-        state = update(MODEL, False, state, SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0, shown_rad), 0.1 * tick)
+        compass_rad = wrap_two_pi(-0.03 * 0.1 * tick)
+        state = update(MODEL, False, state, SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0, compass_rad), 0.1 * tick)
     assert state.reversal.reversed
 
 
@@ -135,7 +135,7 @@ def test_loss_while_steering_by_hand_is_detected():
     assert Boat().steer_by_hand(300.0, turn_ratio=0.0).state.loss.lost
 
 
-def test_loss_is_constant_while_a_disturbance_turns_the_boat():
+def test_loss_stays_set_while_a_disturbance_turns_the_boat():
     """The waves turn the boat slowly to its goal; the rudder of a long turn does not become trim."""
     boat = Boat().steer(60.0, 6.0)
     boat.steer(900.0, 7.5, turn_ratio=0.0, disturbance_rad=0.008)

@@ -59,7 +59,9 @@ def test_turn_within_the_learned_diffusion_is_no_evidence():
 def test_rudder_against_a_learned_bias_commands_no_turn():
     state, turn = ReversalState(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
     for _ in range(20):
-        state = update(OCEAN_RAMBLER, state, turn, RUDDER_RAD, 1.0, radians(1.0), 0.0, RUDDER_RAD)
+        state = update(
+            OCEAN_RAMBLER, state, turn, RUDDER_RAD, 1.0, radians(1.0), diffusion_rad2_s=0.0, trim_rad=RUDDER_RAD
+        )
     assert not state.reversed
 
 
@@ -89,7 +91,7 @@ def test_trim_is_at_most_12_deg():
     """A larger slow rudder angle is that of a long turn."""
     state, turn = ReversalState(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
     for _ in range(20):
-        state = update(OCEAN_RAMBLER, state, turn, RUDDER_RAD, 1.0, radians(1.0), 0.0, 0.0)
+        state = update(OCEAN_RAMBLER, state, turn, RUDDER_RAD, 1.0, radians(1.0), diffusion_rad2_s=0.0, trim_rad=0.0)
     assert state.reversed
     assert state.rate_rad_s == pytest.approx(OCEAN_RAMBLER.turning_ability_1_s * (RUDDER_RAD - radians(12.0)), rel=0.01)
 

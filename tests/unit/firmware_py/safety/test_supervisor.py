@@ -44,10 +44,9 @@ CENTRED = SupervisorState(kept_amidships=True)
         (CENTRED, 0.0, 131.0, CENTRED, True),
     ],
 )
-def test_rudder_hard_over_for_30_s_without_a_heading_is_centred(
+def test_rudder_command_above_8_deg_for_30_s_without_a_heading_is_centred(
     state, command_deg, now_s, next_state, is_centred, side
 ):
-    """The rudder is hard over at more than 8 deg."""
     command_rad = side * math.radians(command_deg)
     result = limit_without_heading(state, 0.3, command_rad, GUIDED, now_s, has_heading=False)
     assert result == (next_state, 0.0 if is_centred else 0.3)
