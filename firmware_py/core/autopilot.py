@@ -34,7 +34,7 @@ class Autopilot:
     def __init__(self, state: State, writer: StateWriter, begun: Moment | None = None) -> None:
         """Start from a state; `writer` stores data for a restart, `begun` is the moment at which `now_s` was 0."""
         self._state = state
-        self._ahead = state
+        self._ahead = state  # after all accepted requests
         self._pending: list[Request] = []
         self._writer = writer
         self._parameters = ParameterWriter(writer)
@@ -80,7 +80,7 @@ class Autopilot:
             self._parameters.forget()
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
-        """Activate a plan after it is on disk; call `done` with the answer."""
+        """Activate a plan after it is on disk; call `done` with the answer. Raise TypeError for another request."""
         intent = request.intent
         if not isinstance(intent, ReplacePlan):
             raise TypeError(f"{type(intent).__name__} is not a plan")

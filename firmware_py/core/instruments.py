@@ -53,12 +53,12 @@ class InstrumentLimits(msgspec.Struct, frozen=True):
 
 
 class Reception(IntEnum):
-    """Whether a sensor is received, has stopped, or has never been received although the boat has it."""
+    """Reception of a sensor."""
 
-    NEVER = 0
+    NEVER = 0  # nothing is known of the sensor; usually the boat has none
     RECEIVED = 1
-    SILENT = 2
-    EXPECTED = 3
+    SILENT = 2  # reported as without data
+    EXPECTED = 3  # the boat has it, but it has not been received yet
 
 
 class InstrumentState(msgspec.Struct, frozen=True):
@@ -140,7 +140,7 @@ def report_silence(
 
 
 def is_expected(state: InstrumentState) -> bool:
-    """Return whether a sensor has never been received."""
+    """Return whether a sensor that the boat has is still to be received for the first time."""
     return Reception.EXPECTED in state.reception or Reception.EXPECTED in state.others
 
 

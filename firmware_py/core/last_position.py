@@ -32,13 +32,13 @@ class LastPosition(msgspec.Struct, frozen=True):
     dead_reckoning: DeadReckoning
 
 
-def make_last_position(place: PositionState, water: WaterState) -> LastPosition | None:
+def make_last_position(state: PositionState, water: WaterState) -> LastPosition | None:
     """Return the record of a position state; None while no position is known."""
-    if place.fix is None and place.dead_reckoning is None:
+    if state.fix is None and state.dead_reckoning is None:
         return None
-    track = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
-    track = replace(track, begun_s=-position.time_since_fix_s(place))
-    return LastPosition(place.latitude_rad, place.longitude_rad, track)
+    track = state.dead_reckoning or dead_reckoning.begin(water, state.t_s)
+    track = replace(track, begun_s=-position.time_since_fix_s(state))
+    return LastPosition(state.latitude_rad, state.longitude_rad, track)
 
 
 def valid_for_s(last: LastPosition, max_s: float) -> float:
@@ -57,7 +57,7 @@ def water_of(last: LastPosition) -> tuple[float, float, float]:
 def restore(last: LastPosition, elapsed_s: float | None) -> PositionState:
     """Return the position state after elapsed_s (None: not known); `with_first_tick` sets its time.
 
-    Raise ValueError for an impossible position.
+    Raise ValueError for an impossible position and for a negative time without a fix.
     """
     if not _is_valid(last):
         raise ValueError("invalid position or water data")

@@ -12,7 +12,7 @@ from firmware_py.common.records import Progress
 
 # Samples of all devices together: a single silent device is a fault, all of them are a blocked bus or port.
 SAMPLES, ACTUATION = "samples", "actuation"
-DEVICES_S = 30.0
+DEVICES_S = 30.0  # time without progress after which they are stuck
 
 
 class StuckError(RuntimeError):

@@ -31,11 +31,15 @@ from firmware_py.modes import ModeState
 
 # Values are rounded down to these steps, so that small changes do not cause a write.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
+MAX_AGE_S = 3.2e8  # ten years; a larger age by the calendar clock is a wrong clock
 OFF, ALL = 0, 2  # values of BOOT_RESUME; 1: all but arming
 
 
 class Moment(msgspec.Struct, frozen=True):
-    """A time by the calendar clock, which may be wrong, and by the monotonic clock of `boot` (empty: unknown)."""
+    """A time by the calendar clock, which may be wrong, and by the monotonic clock (`machine_s`) of a boot.
+
+    `boot` is the boot id of the computer; empty: unknown.
+    """
 
     utc_s: float
     boot: str = ""
@@ -58,7 +62,7 @@ class Resume(msgspec.Struct, frozen=True):
     orbit: OrbitState = OrbitState()
     fence_enabled: bool | None = None
     home: Home | None = None
-    water: tuple[float, float, float] | None = None  # current north and east, speed; None: expected values
+    water: tuple[float, float, float] | None = None  # current north and east, speed [m/s]; None: expected values
     place: LastPosition | None = None
     boot: str = ""
     machine_s: float = 0.0
@@ -146,13 +150,13 @@ def _age_by_boot_s(resume: Resume, now: Moment) -> float | None:
 def _age_by_calendar_s(resume: Resume, now: Moment) -> float | None:
     """Return the age of the record by the calendar clock; None if it is impossible."""
     age_s = now.utc_s - resume.utc_s
-    return age_s if 0.0 <= age_s < 3.2e8 else None
+    return age_s if 0.0 <= age_s < MAX_AGE_S else None
 
 
 def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, ...]]:
     """Return the start state with the stored record applied, and notes on ignored parts.
 
-    `greeting` reports the result. Raise ValueError if the data are not a record.
+    `State.greeting` reports the result. Raise ValueError if the data are not a record.
     """
     level = int(state.parameters["BOOT_RESUME"])
     if level == OFF:

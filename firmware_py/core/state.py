@@ -1,6 +1,6 @@
 """State and settings of the autopilot.
 
-Each module has one record in `State` and one in `Settings`, with the same name, and only it changes its record.
+Each module has its own record in `State`, which only it changes, and its own record in `Settings`.
 """
 
 from __future__ import annotations
@@ -82,6 +82,7 @@ class State(msgspec.Struct, frozen=True):
     """State of the autopilot between ticks.
 
     `home` is set by requests, the first fix and the mission. `greeting` is a message that the first tick sends.
+    `agreement` is the consistency of positions and velocities, `aside` the avoidance of vessels.
     """
 
     parameters: ParameterSet = ParameterSet()

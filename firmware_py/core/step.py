@@ -229,7 +229,7 @@ def _steer(
 
 
 def _needs_torque(settings: Settings, state: State, now_s: float) -> bool:
-    """Return whether the servo needs torque: while armed, without RUD_DISARMED, or during a bench command."""
+    """Return whether the servo needs torque: while armed, if RUD_DISARMED is 0, or during a bench command."""
     return (
         state.modes.armed or not settings.rudder.released_disarmed or bench_deflection(state.modes, now_s) is not None
     )
