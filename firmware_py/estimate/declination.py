@@ -25,7 +25,10 @@ MIN_HORIZONTAL_FIELD_NT: Final = 2000.0
 
 
 class Declination(msgspec.Struct, frozen=True):
-    """Declination, and the position and time for which it was computed; None: a compass is not usable there."""
+    """Declination, and the position and time for which it was computed; None: a compass is not usable there.
+
+    `utc_s` None: not computed yet.
+    """
 
     declination_rad: float | None = None
     latitude_rad: float = 0.0
@@ -34,7 +37,10 @@ class Declination(msgspec.Struct, frozen=True):
 
 
 def update(previous: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
-    """Return the declination at a position: the previous one if that is near enough in distance and time."""
+    """Return the declination at a position: the previous one if that is near enough in distance and time.
+
+    With `utc_s` None, the time of the previous one is used, without one EPOCH_S.
+    """
     time_s = utc_s if utc_s is not None else previous.utc_s if previous.utc_s is not None else EPOCH_S
     if previous.utc_s is not None and abs(time_s - previous.utc_s) < MAX_AGE_S:
         east_rad = (longitude_rad - previous.longitude_rad) * math.cos(latitude_rad)

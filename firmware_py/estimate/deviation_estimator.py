@@ -21,10 +21,10 @@ from firmware_py.estimate.deviation_filter import DeviationEstimate, DeviationIn
 from firmware_py.estimate.position import PositionSettings, PositionState
 
 SMOOTHING_S: Final = 15.0  # time constant of the compass heading, to detect turns
-MAX_STEP_S: Final = 2.0
-MAX_MINUTES: Final = 1440
+MAX_STEP_S: Final = 2.0  # of the smoothing, after a gap
+MAX_MINUTES: Final = 1440  # newest minutes that the residual contains
 SEGMENT_S: Final = 7200.0  # time in which the residual assumes constant current and speed
-MIN_MINUTES: Final = 10
+MIN_MINUTES: Final = 10  # of a segment in the residual
 
 
 def residual_rad(minutes: Iterable[tuple[float, ...]], deviation: Deviation) -> float:

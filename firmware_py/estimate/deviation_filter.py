@@ -39,17 +39,17 @@ NORTH, EAST, SPEED, STATES = 5, 6, 7, 8  # after the five coefficients
 # Initial standard deviations, and variance of the process noise per second, of each state.
 INITIAL_SDS: Final = (radians(20.0), *[radians(12.0)] * 2, *[radians(6.0)] * 2, 0.4, 0.4, 0.3)
 PROCESS_NOISE: Final = (*[(radians(0.1) ** 2) / 86400.0] * 5, 2e-7, 2e-7, 1e-6)
-MAX_STEP_S: Final = 6.0 * 3600.0
-MIN_LOG_NOISE: Final = 2.0 * math.log(0.003)
-NOISE_GAIN: Final = 0.05
+MAX_STEP_S: Final = 6.0 * 3600.0  # limits the process noise of a gap
+MIN_LOG_NOISE: Final = 2.0 * math.log(0.003)  # logarithm of a variance; 0.003 m/s
+NOISE_GAIN: Final = 0.05  # change of the log noise at one observation, per excess of its squared innovation
 MAX_LEG_TURN_RAD: Final = radians(12.0)  # a larger turn begins another leg
-MIN_SPEED_M_S: Final = 0.1
+MIN_SPEED_M_S: Final = 0.1  # used instead of a lower speed in sensitivities and residual
 OUTLIER_SQUARE: Final = 9.0  # limit of the squared innovation divided by its variance
 
 # A proposal needs this number of sectors sailed in, and this standard deviation on the least certain heading.
 MIN_SECTORS: Final = 8
 MAX_SD_RAD: Final = radians(0.75)
-_CARD_RAD: Final = tuple(TWO_PI * number / 36 for number in range(36))
+_CARD_RAD: Final = tuple(TWO_PI * number / 36 for number in range(36))  # headings of the deviation card
 
 
 class DeviationSettings(msgspec.Struct, frozen=True):
@@ -249,8 +249,8 @@ def _update_with_minute(
         velocity[1] - x[EAST] - x[SPEED] * math.sin(course_rad),
     )
     sensitivities = (
-        (*(0.0,) * COEFFICIENTS, cosine, sine, 1.0),
-        (*leg[1:], -sine, cosine, 0.0),
+        (*(0.0,) * COEFFICIENTS, cosine, sine, 1.0),  # along the course through the water
+        (*leg[1:], -sine, cosine, 0.0),  # across it
     )
     previous_x, log_noise = x, list(state.log_noise)
     for axis, sensitivity in enumerate(sensitivities):

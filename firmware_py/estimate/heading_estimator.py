@@ -38,7 +38,7 @@ NAMES: Final = {Source.COMPASS_A: "compass A", Source.COMPASS_B: "compass B", So
 
 
 class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
-    """Settings of the heading estimate."""
+    """Settings of the heading estimate; `observer_only`: the fixed-gain observer of compass A replaces the filter."""
 
     observer: ObserverSettings
     tick: HeadingSettings
@@ -88,7 +88,7 @@ class HeadingEstimatorState(msgspec.Struct, frozen=True):
 
 
 def with_expected_water(state: HeadingEstimatorState, water_m_s: tuple[float, float, float]) -> HeadingEstimatorState:
-    """Return a state before the first position with the expected current north and east, and speed [m/s]."""
+    """Return the state with the water restarted at the expected current north and east, and speed [m/s]."""
     return replace(state, water=water.initial_state(*water_m_s))
 
 

@@ -9,8 +9,8 @@ At the end of each window each level moves by
     (score of the window + share of the prior) / (information + 1 / PRIOR_SDS^2)
 
 which is the scoring step of a maximum a posteriori estimate with the log-normal prior PRIOR, PRIOR_SDS and a fading
-memory. The memory grows from a minute to half an hour. The extra filters take at most one sample in LEARNING_STEP_S,
-which resolves the waves.
+memory. The memory grows from MIN_MEMORY_S to MAX_MEMORY_S. The extra filters take at most one sample in
+LEARNING_STEP_S, which resolves the waves.
 
 The likelihood has local maxima if the waves are much larger or longer than those of the prior, or if the diffusion of
 the heading is much larger. So in the first minute the twelve extra filters are twelve candidates of diffusion, wave yaw

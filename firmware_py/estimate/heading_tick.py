@@ -4,15 +4,15 @@ A tick calls, in this order: `begin_tick`, `add_sample` for each heading of eith
 for each heading of the source in use (or `take_course` where there is no compass), and `end_tick`. The autopilot
 (heading_estimator.py) and the compiled loop of the laboratory call the same functions.
 
-A compass whose number is constant while the boat turns has stopped measuring. While the number of the compass in use is
-constant, a second state is predicted without it. The compass is rejected, and the filter continues from the second
-state, if the number has been constant
+A compass whose reading (the heading as the device sent it) is constant while the boat turns has stopped measuring.
+While the reading of the compass in use is constant, a second state is predicted without it. The compass is rejected,
+and the filter continues from the second state, if the reading has been constant
 
 * for longer than usual and differs too much from that state, or
 * for a whole period of waves that turn the boat, or
 * for CMP_FROZEN_S while the track has turned.
 
-A coarse compass may have a constant number for a long time on a straight course in calm water, or at the dock, where
+A coarse compass may have a constant reading for a long time on a straight course in calm water, or at the dock, where
 the rudder has no effect. It is not rejected there.
 """
 
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
 JUMP_GATE_SDS: Final = 4.0  # gate of a jump, in standard deviations of the predicted wave yaw
 MAX_COURSE_SD_RAD: Final = radians(20.0)  # of a heading that is used without a compass
 MIN_CONTRADICTION_RAD: Final = radians(5.0)
-# Limits of the difference in standard deviations: they decrease with the time of the constant number, and are smaller
+# Limits of the difference in standard deviations: they decrease with the time of the constant reading, and are smaller
 # for a compass that has shown the wave yaw.
 CONTRADICTION_SDS, MIN_CONTRADICTION_SDS = 4.0, 2.5
 OSCILLATING_SDS, MIN_OSCILLATING_SDS = 3.0, 1.5
 MAX_UNCORRECTED_SD_RAD: Final = radians(10.0)  # of the state without the compass; beyond it that state restarts
-MIN_WAVE_YAW_RAD: Final = radians(3.0)  # from here on a constant number over a wave period is a fault
+MIN_WAVE_YAW_RAD: Final = radians(3.0)  # from here on a constant reading over a wave period is a fault
 MAX_STANDSTILL_PERIODS: Final = 20.0  # of the waves, for a resolution as large as the wave yaw
 WAVE_YAW_MEMORY_S: Final = 20.0
 MIN_TRACK_DIFFERENCE_RAD: Final = radians(30.0)  # of compass and track, which wind and current also change
@@ -98,10 +98,10 @@ NO_DELAY_TEST: Final = DelayTest()
 class HeadingTick(NamedTuple):
     """State of the heading estimate.
 
-    `uncorrected` is the state at `uncorrected_s` that is predicted without the compass in use while its number is
+    `uncorrected` is the state at `uncorrected_s` that is predicted without the compass in use while its reading is
     constant (NaN: it changes). `bias_mean_rad` is the mean of the rudder bias over BIAS_MEAN_S, `rudder_rad` the angle
     measured at the last tick, `wave_yaw_rad2` the mean square of the wave yaw over WAVE_YAW_MEMORY_S in which the
-    number of the compass in use has changed.
+    reading of the compass in use has changed.
     """
 
     sources: SourceState = sources.START
@@ -238,7 +238,7 @@ def without_compass(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
 
 
 def is_contradicted(s: HeadingTick, compass: sources.CompassState, uncorrected: Motion, ratio: float) -> bool:
-    """Return whether a constant number contradicts the state; `ratio`: its duration divided by the usual maximum."""
+    """Return whether a constant reading contradicts the state; `ratio`: its duration divided by the usual maximum."""
     levels = s.filter.levels
     noise_rad, wave_yaw_rad = math.exp(levels.compass_noise), min(math.exp(levels.wave_sd), math.sqrt(s.wave_yaw_rad2))
     has_learned_waves = compass.changed_s - compass.sound_since_s >= WAVE_LEARNING_S
@@ -311,7 +311,7 @@ def take_course(
 ) -> HeadingTick:
     """Return the state updated with a heading from the track and its standard deviation (NaN: none).
 
-    While a compass is in use, the heading is only compared with it; it can contradict a constant number.
+    While a compass is in use, the heading is only compared with it; it can contradict a constant reading.
     """
     if s.sources.in_use != sources.Source.COURSE:
         compass = sources.compass_in_use(s.sources)

@@ -1,8 +1,8 @@
 """Choice of the heading source: compass A, compass B, or as a last resort the course over ground.
 
 Each compass is checked by itself: it must send headings, these must follow the turns of the boat, and they must be
-inside the gate around the estimate. A coarse or damped compass may send a constant number while the heading is
-constant. So a constant number is a fault only if the boat has turned at the same time, according to rudder and waves
+inside the gate around the estimate. A coarse or damped compass may send a constant reading while the heading is
+constant. So a constant reading is a fault only if the boat has turned at the same time, according to rudder and waves
 (heading_tick.py), the other compass or the track.
 
 The first sound compass is in use. A change of source does not move the rudder: the new source starts with an offset
@@ -22,16 +22,16 @@ from firmware_py.common.angles import clamp, radians, wrap_pi
 # Largest difference of a heading from the estimate with its wave yaw, in small waves.
 JUMP_GATE_RAD: Final = radians(20.0)
 JUMP_TIME_S: Final = 1.5  # outside the gate, after which a compass has jumped
-INITIAL_JUMP_TIME_S: Final = 1.0  # maximum of the first heading outside, which alone is no jump for a slow compass
+INITIAL_JUMP_TIME_S: Final = 1.0  # limit of the time before the first heading outside: one alone is no jump
 PROBATION_S: Final = 10.0  # in which a compass must be sound before it is used again
-MAX_CONTRADICTION_S: Final = 60.0
+MAX_CONTRADICTION_S: Final = 60.0  # without a source, of a compass outside the gate; then the estimate restarts
 OFFSET_SLEW_RAD_S: Final = radians(0.5)
 DISAGREEMENT_RAD: Final = radians(15.0)
-SMOOTHING_S: Final = 10.0
-MIN_STANDSTILL_S: Final = 1.5  # with a constant number
-STANDSTILL_RATIO: Final = 2.0  # limit of the time with a constant number, in multiples of the longest so far
-LONGEST_MEMORY_S: Final = 600.0
-MIN_RESOLUTION_STEPS: Final = 2.5  # a smaller turn may not change the number
+SMOOTHING_S: Final = 10.0  # time constant of the differences from the estimate
+MIN_STANDSTILL_S: Final = 1.5  # with a constant reading
+STANDSTILL_RATIO: Final = 2.0  # limit of the time with a constant reading, in multiples of the longest so far
+LONGEST_MEMORY_S: Final = 600.0  # of the longest time with a constant reading
+MIN_RESOLUTION_STEPS: Final = 2.5  # a smaller turn may not change the reading
 MIN_SWINGS, SWINGS_MEMORY_S = 3.0, 20.0  # of a boat in waves; in calm water it overshoots once or twice after a turn
 # Plateau: a compass has settled outside the gate, because a wave has turned the boat or the compass has jumped.
 PLATEAU_TIME_S: Final = 2.0  # after which it has settled; a turn of the boat by a wave is over by then
@@ -50,7 +50,7 @@ class Source(IntEnum):
 
 
 class TrueHeadingSample(NamedTuple):
-    """True heading of compass A (source 0) or B (1), and the number that the device sent."""
+    """True heading of compass A (source 0) or B (1), and the reading: the heading as the device sent it."""
 
     t_s: float
     heading_rad: float
@@ -92,14 +92,15 @@ def update_plateau(
 
 
 class CompassTurns(NamedTuple):
-    """Turns of the boat according to the number of a compass.
+    """Turns of the boat according to the reading of a compass.
 
-    `resolution_rad`: smallest change of the number so far. `apart_rad`: smoothed difference from the other compass when
-    the number last changed (NaN: no other compass). `swings`: number of recent reversals by a turn that the compass can
-    resolve, with a fading memory. `farthest_rad`: largest number in the direction `rising` (1, -1; 0: none).
+    `resolution_rad`: smallest change of the reading so far. `apart_rad`: smoothed difference from the other compass
+    when the reading last changed (NaN: no other compass). `swings`: number of recent reversals by a turn that the
+    compass can resolve, with a fading memory. `farthest_rad`: largest reading in the direction `rising` (1, -1; 0:
+    none).
     """
 
-    resolution_rad: float = radians(5.0)  # assumed until the number has changed
+    resolution_rad: float = radians(5.0)  # assumed until the reading has changed
     apart_rad: float = math.nan
     swings: float = 0.0
     farthest_rad: float = math.nan
@@ -112,10 +113,10 @@ NO_TURNS: Final = CompassTurns()
 class CompassState(NamedTuple):
     """State of a compass; its last heading is `heading_rad` at `t_s`, sent by the device as `raw_rad`.
 
-    `changed_s`: time of the last change of the number. `near_s`: time of the last heading inside the gate around the
+    `changed_s`: time of the last change of the reading. `near_s`: time of the last heading inside the gate around the
     estimate. `sound_since_s`: time since which the compass is sound (NaN: it is not). `difference_rad`: smoothed
     difference from the estimate. `offset_rad`: added to the heading after a change of source. `longest_s`: longest
-    recent time with a constant number. `contradicted`: the number did not change although the boat must have turned.
+    recent time with a constant reading. `contradicted`: the reading did not change although the boat must have turned.
     `steady_rad`: difference smoothed also outside the gate (NaN while the compass does not measure). `agreed`: it was
     small when the heading was last inside, so that a heading outside is a jump.
     """
@@ -152,17 +153,17 @@ def is_received(compass: CompassState, now_s: float, timeout_s: float) -> bool:
 
 
 def has_stopped_measuring(compass: CompassState, frozen_s: float) -> bool:
-    """Return whether the number was constant while the boat turned; never if frozen_s is 0."""
+    """Return whether the reading was constant while the boat turned; never if frozen_s is 0."""
     return frozen_s != 0.0 and compass.contradicted
 
 
 def has_stood_still(compass: CompassState, frozen_s: float) -> bool:
-    """Return whether the number has been constant for more than frozen_s; never if frozen_s is 0."""
+    """Return whether the reading has been constant for more than frozen_s; never if frozen_s is 0."""
     return frozen_s != 0.0 and compass.t_s - compass.changed_s > frozen_s
 
 
 def min_contradiction(compass: CompassState, turn_rad: float) -> float:
-    """Return the smallest turn that contradicts a constant number: turn_rad, or a few resolution steps."""
+    """Return the smallest turn that contradicts a constant reading: turn_rad, or a few resolution steps."""
     return max(turn_rad, MIN_RESOLUTION_STEPS * compass.turns.resolution_rad)
 
 
@@ -177,7 +178,7 @@ def is_jumping(compass: CompassState) -> bool:
 
 
 def standstill_ratio(compass: CompassState) -> float:
-    """Return the duration of the present number, divided by that from which on it is a standstill."""
+    """Return the duration of the present reading, divided by that from which on it is a standstill."""
     constant_s = 0.0 if math.isnan(compass.t_s) else compass.t_s - compass.changed_s
     return constant_s / max(MIN_STANDSTILL_S, STANDSTILL_RATIO * compass.longest_s)
 
@@ -213,7 +214,7 @@ def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, flo
 
 
 def contradicts(compass: CompassState, now_s: float, timeout_s: float, has_no_source: bool) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a compass whose number changes contradicts the estimate.
+    """Return whether a compass whose reading changes contradicts the estimate.
 
     A compass that measured the turn contradicts it as soon as it has settled: a wave has turned the boat. One that
     jumped contradicts it only if there is no source: after PROBATION_S if it has settled, and in any case after
@@ -313,7 +314,7 @@ def add_sample(
 
 
 def mark_contradicted(state: SourceState) -> SourceState:
-    """Return the state with the compass in use marked as contradicted: constant number although the boat has turned."""
+    """Return the state with the compass in use marked as contradicted: its reading is constant in a turn."""
     a, b = state.compasses
     if state.in_use == Source.COMPASS_A:
         a = with_turns(a, a.turns, True)
@@ -333,7 +334,7 @@ def with_turns(c: CompassState, turns: CompassTurns, contradicted: bool) -> Comp
 def compare_compasses(compass: CompassState, other: CompassState, frozen_s: float) -> CompassState:
     """Return the compass after a comparison with the other one.
 
-    It is contradicted if its number is constant in waves, or while the other one has turned without a jump.
+    It is contradicted if its reading is constant in waves, or while the other one has turned without a jump.
     """
     t, apart_rad = compass.turns, wrap_pi(compass.steady_rad - other.steady_rad)
     has_stood = has_stood_still(compass, frozen_s)
@@ -347,7 +348,7 @@ def compare_compasses(compass: CompassState, other: CompassState, frozen_s: floa
 
 
 def with_soundness(c: CompassState, sound_since_s: float, raw_rad: float, steady_rad: float) -> CompassState:
-    """Return the compass with this time since which it is sound, this number and this smoothed difference."""
+    """Return the compass with this time since which it is sound, this reading and this smoothed difference."""
     return CompassState(
         c.t_s, raw_rad, c.changed_s, c.near_s, sound_since_s, c.difference_rad, c.offset_rad, c.longest_s,
         c.contradicted, steady_rad, c.agreed, c.heading_rad, c.plateau, c.turns,
@@ -368,7 +369,7 @@ def judge_soundness(compass: CompassState, now_s: float, frozen_s: float, timeou
     if not is_received(compass, now_s, timeout_s):
         sound_since_s = steady_rad = math.nan
         if not has_stopped_measuring(compass, frozen_s):
-            raw_rad = math.nan  # the same number after a gap is no standstill
+            raw_rad = math.nan  # the same reading after a gap is no standstill
     elif has_stopped_measuring(compass, frozen_s):
         sound_since_s = steady_rad = math.nan
     elif is_jumping(compass):

@@ -150,7 +150,7 @@ def take_position(
     f = water_filter.correct(f, t_s, north_m, east_m)
     duration_s = t_s - stretch.t_s
     if not 0.0 <= duration_s < STRETCH_S:
-        if duration_s <= 3.0 * STRETCH_S:
+        if duration_s <= 3.0 * STRETCH_S:  # a longer one contains a gap
             heading_rad, sd_rad = water_results.heading_from_track(
                 f, t_s, north_m - stretch.north_m, east_m - stretch.east_m, duration_s
             )

@@ -17,7 +17,7 @@ from firmware_py.estimate.water_filter import WaterFilter
 
 DEGREE = math.radians(1.0)
 PRIOR = [2.0 * math.log(DEGREE), *map(math.log, (DEGREE, 2.8, 0.2, 0.1 * DEGREE, 0.3 * DEGREE))]
-COMPASS = [1.0, 5.0 * DEGREE]  # longest time with a constant number, resolution
+COMPASS = [1.0, 5.0 * DEGREE]  # longest time with a constant reading, resolution
 SQUARES = [1.0, 1.0]  # of innovations and predictions
 WATER = np.log([0.1, 0.0004, 0.15, 0.3])
 
