@@ -11,8 +11,8 @@ from firmware_py.plans.fence import fence_of, find_breaches, margin_m
 
 MAX_CHECKS = 500
 CENTRE = Place(0.6, 2.0)
-WAYPOINT, TURNS, ENABLE, RETURN_POINT, RALLY = 16, 18, 207, 5000, 5100
-INCLUDED, EXCLUDED, INCLUDED_CIRCLE, CIRCLE = 5001, 5002, 5003, 5004
+WAYPOINT, TURNS, ENABLE, RETURN_POINT, RALLY = 16, 18, 207, 5000, 5100  # MAV_CMD
+INCLUDED, EXCLUDED, INCLUDED_CIRCLE, EXCLUDED_CIRCLE = 5001, 5002, 5003, 5004
 
 
 def item_at(command, north_m, east_m, *params, centre=CENTRE):
@@ -33,7 +33,7 @@ def breach_texts(mission, fence, rally=()):
 
 
 SQUARE = square(INCLUDED, 500)
-REEF = [*SQUARE, item_at(CIRCLE, 0, 0, 60)]
+REEF = [*SQUARE, item_at(EXCLUDED_CIRCLE, 0, 0, 60)]
 AT_POSITION = PlanItem(WAYPOINT, 3)
 DISABLE, REENABLE = PlanItem(ENABLE, 2), PlanItem(ENABLE, 2, True, (1.0, 0.0, 0.0, 0.0))
 EAST, WEST = item_at(WAYPOINT, 0, 300), item_at(WAYPOINT, 10, -300)
@@ -78,7 +78,7 @@ def test_rally_points_are_checked_without_legs():
     ]
 
 
-def test_date_line_is_no_fence():
+def test_fence_may_cross_the_date_line():
     centre = Place(-0.29, math.pi - 1e-5)
     fence = square(INCLUDED, 500, centre=centre)
     assert (
@@ -94,7 +94,10 @@ def test_error_of_the_check_of_a_leg_is_limited():
     rng = random.Random(5)
     breach_count = 0
     for _ in range(60):
-        reefs = [item_at(CIRCLE, rng.uniform(-500, 500), rng.uniform(-500, 500), rng.uniform(5, 80)) for _ in range(4)]
+        reefs = [
+            item_at(EXCLUDED_CIRCLE, rng.uniform(-500, 500), rng.uniform(-500, 500), rng.uniform(5, 80))
+            for _ in range(4)
+        ]
         fence = [*square(INCLUDED, 600), *reefs]
         plan = Plan.of(PlanKind.FENCE, fence)
         ends = [(rng.uniform(-500, 500), rng.uniform(-500, 500)) for _ in range(2)]
@@ -162,6 +165,7 @@ def test_boat_must_be_inside_all_areas_of_one_group():
 
 
 @pytest.mark.parametrize("count", [math.nan, -4.0, 0.0, 4.0, 1e9])
-def test_impossible_number_of_vertices_of_a_log_does_not_matter(count):
+def test_polygon_with_an_impossible_number_of_vertices_is_ignored(count):
+    """A damaged log may contain one."""
     fence = fence_of(Plan.of(PlanKind.FENCE, [*square(INCLUDED, 500), item_at(INCLUDED, 0, 0, count)]))
     assert [len(area.corners) for area in fence.areas] == [4]

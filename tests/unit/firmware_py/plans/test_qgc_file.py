@@ -12,6 +12,9 @@ from firmware_py.common.plan import PlanItem, Plans
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import read_plan, write_plan
 
+WAYPOINT, LOITER_TIME, RETURN, JUMP = 16, 19, 20, 177  # MAV_CMD
+FENCE_RETURN, INCLUDED_VERTEX, EXCLUDED_VERTEX, EXCLUDED_CIRCLE, RALLY_POINT = 5000, 5001, 5002, 5004, 5100
+
 
 def simple(number, command, params, frame=3, **fields):
     entry = {"type": "SimpleItem", "command": command, "frame": frame, "params": params, "doJumpId": number}
@@ -38,10 +41,10 @@ def document(items=(), polygons=(), circles=(), points=(), **fence):
 
 QGC = document(
     items=[
-        simple(1, 16, [0, 0, 0, None, 36.1, 121.1, 0]),
-        simple(2, 19, [600, 0, 50, 1, 36.2, 121.2, 0], autoContinue=False),
-        simple(3, 177, [1, 3, 0, 0, 0, 0, 0], frame=2),
-        simple(4, 20, [0, 0, 0, 0, None, None, None], frame=2),
+        simple(1, WAYPOINT, [0, 0, 0, None, 36.1, 121.1, 0]),
+        simple(2, LOITER_TIME, [600, 0, 50, 1, 36.2, 121.2, 0], autoContinue=False),
+        simple(3, JUMP, [1, 3, 0, 0, 0, 0, 0], frame=2),
+        simple(4, RETURN, [0, 0, 0, 0, None, None, None], frame=2),
     ],
     polygons=[
         {"version": 1, "inclusion": True, "polygon": [[36.0, 121.0], [36.0, 122.0], [37.0, 121.5]]},
@@ -72,10 +75,10 @@ def survey(items, *, version=2):
 
 @pytest.mark.parametrize("version", [{"version": 1}, {"version": 2}, {}])
 def test_survey_is_replaced_by_its_items(version):
-    lanes = [simple(number, 16, [0, 0, 0, None, 36.0 + 0.001 * number, 121.0, 0]) for number in range(2, 6)]
-    jump, scan = simple(6, 177, [2, 1, 0, 0, 0, 0, 0], frame=2), survey(lanes)
+    lanes = [simple(number, WAYPOINT, [0, 0, 0, None, 36.0 + 0.001 * number, 121.0, 0]) for number in range(2, 6)]
+    jump, scan = simple(6, JUMP, [2, 1, 0, 0, 0, 0, 0], frame=2), survey(lanes)
     scan["TransectStyleComplexItem"] = {"Items": lanes, **version}
-    text = json.dumps(document([simple(1, 16, [0, 0, 0, None, 36.0, 121.0, 0]), scan, jump]))
+    text = json.dumps(document([simple(1, WAYPOINT, [0, 0, 0, None, 36.0, 121.0, 0]), scan, jump]))
     mission = read_plan(text, "a.plan")[0]
     assert [item.x for item in mission.items[:-1]] == [360_000_000, *range(360_020_000, 360_060_000, 10_000)]
     assert mission.items[-1].params[:2] == (1.0, 1.0)  # the first lane, by its doJumpId
@@ -91,10 +94,10 @@ def test_all_items_of_a_plan_are_read():
     mission, fence, rally = read_plan(json.dumps(QGC), "a.plan")
     assert repr(mission.items) == repr(
         (
-            PlanItem(16, 3, True, (0.0, 0.0, 0.0, math.nan), 361_000_000, 1_211_000_000, 0.0),
-            PlanItem(19, 3, False, (600.0, 0.0, 50.0, 1.0), 362_000_000, 1_212_000_000, 0.0),
-            PlanItem(177, 2, True, (0.0, 3.0, 0.0, 0.0)),
-            PlanItem(20, 2, True, (0.0, 0.0, 0.0, 0.0), 0, 0, math.nan),
+            PlanItem(WAYPOINT, 3, True, (0.0, 0.0, 0.0, math.nan), 361_000_000, 1_211_000_000, 0.0),
+            PlanItem(LOITER_TIME, 3, False, (600.0, 0.0, 50.0, 1.0), 362_000_000, 1_212_000_000, 0.0),
+            PlanItem(JUMP, 2, True, (0.0, 3.0, 0.0, 0.0)),
+            PlanItem(RETURN, 2, True, (0.0, 0.0, 0.0, 0.0), 0, 0, math.nan),
         )
     )
     no_params = (0.0, 0.0, 0.0, 0.0)
@@ -102,15 +105,22 @@ def test_all_items_of_a_plan_are_read():
                 for place in polygon["polygon"]]  # fmt: skip
     assert fence.items == (
         *(
-            PlanItem(5001 if inclusion else 5002, 0, True, (count, 0.0, 0.0, 0.0), round(x * 1e7), round(y * 1e7))
+            PlanItem(
+                INCLUDED_VERTEX if inclusion else EXCLUDED_VERTEX,
+                0,
+                True,
+                (count, 0.0, 0.0, 0.0),
+                round(x * 1e7),
+                round(y * 1e7),
+            )
             for inclusion, count, x, y in vertices
         ),
-        PlanItem(5004, 0, True, (250.5, 0.0, 0.0, 0.0), 363_000_000, 1_215_000_000, 0.0),
-        PlanItem(5000, 3, True, no_params, 360_500_000, 1_215_000_000, 7.5),
+        PlanItem(EXCLUDED_CIRCLE, 0, True, (250.5, 0.0, 0.0, 0.0), 363_000_000, 1_215_000_000, 0.0),
+        PlanItem(FENCE_RETURN, 3, True, no_params, 360_500_000, 1_215_000_000, 7.5),
     )
     assert rally.items == (
-        PlanItem(5100, 3, True, no_params, 360_100_000, 1_210_200_000, 0.0),
-        PlanItem(5100, 3, True, no_params, 360_300_000, 1_210_400_000, 1.5),
+        PlanItem(RALLY_POINT, 3, True, no_params, 360_100_000, 1_210_200_000, 0.0),
+        PlanItem(RALLY_POINT, 3, True, no_params, 360_300_000, 1_210_400_000, 1.5),
     )
 
 
@@ -130,7 +140,7 @@ def test_written_plan_has_the_content_of_the_file_read():
 
 
 def test_absent_parts_have_their_defaults():
-    items = [simple(None, 16, [0] * 7), simple(None, 177, [1, 3, 0, 0, 0, 0, 0])]
+    items = [simple(None, WAYPOINT, [0] * 7), simple(None, JUMP, [1, 3, 0, 0, 0, 0, 0])]
     for entry in items:
         del entry["doJumpId"], entry["autoContinue"]
     content = document(items, polygons=QGC["geoFence"]["polygons"], breachReturn=[36.05, 121.5])
@@ -182,33 +192,35 @@ def test_absent_parts_have_their_defaults():
             document(circles=[{"inclusion": True, "circle": {"center": [1, 2], "radius": 9, "unit": "ft"}}]),
             "geoFence: item 1: key 'unit' is not known",
         ),
-        (document([simple(1, 16, [0] * 7, autocontinue=False)]), "item 1: key 'autocontinue' is not known"),
-        (document([simple("1", 16, [0] * 7)]), "item 1: expected a number"),
+        (document([simple(1, WAYPOINT, [0] * 7, autocontinue=False)]), "item 1: key 'autocontinue' is not known"),
+        (document([simple("1", WAYPOINT, [0] * 7)]), "item 1: expected a number"),
         (
-            document([simple(4, 16, [0] * 7), simple(4, 16, [0] * 7), simple(5, 177, [4, 1, 0, 0, 0, 0, 0])]),
+            document(
+                [simple(4, WAYPOINT, [0] * 7), simple(4, WAYPOINT, [0] * 7), simple(5, JUMP, [4, 1, 0, 0, 0, 0, 0])]
+            ),
             "item 3: DO_JUMP: 2 items with doJumpId 4",
         ),
         (document([survey([], version=3)]), "item 1: TransectStyleComplexItem: version 3 is not supported"),
         (document([survey([])]), "item 1: TransectStyleComplexItem has no Items"),
         (document([survey(None)]), "item 1: Items: expected a list"),
         (document([survey([survey([])])]), "item 1: 'survey' is not a simple item"),
-        (document([survey([simple(1, 16, [0] * 7)] * 1001)] * 2), "items: 2002 including surveys"),
+        (document([survey([simple(1, WAYPOINT, [0] * 7)] * 1001)] * 2), "items: 2002 including surveys"),
         (document([7]), "item 1: expected an object"),
-        (document([simple(1, 16, [0] * 6)]), "item 1: expected 7 params"),
-        (document([simple(1, 16, [0, 0, 0, 0, None, 0, 0])]), "item 1: expected a number"),
-        (document([simple(1, 16, [0, 0, 0, 0, True, 0, 0])]), "item 1: expected a number"),
-        (document([simple(1, 16, [0, 0, 0, 0, 91, 0, 0])]), "item 1: latitude 91 is not"),
-        (document([simple(1, 16, [1e39, 0, 0, 0, 0, 0, 0])]), "item 1: param1 is too large"),
-        (document([simple(1, 16, [10**400, 0, 0, 0, 0, 0, 0])]), "item 1:"),
+        (document([simple(1, WAYPOINT, [0] * 6)]), "item 1: expected 7 params"),
+        (document([simple(1, WAYPOINT, [0, 0, 0, 0, None, 0, 0])]), "item 1: expected a number"),
+        (document([simple(1, WAYPOINT, [0, 0, 0, 0, True, 0, 0])]), "item 1: expected a number"),
+        (document([simple(1, WAYPOINT, [0, 0, 0, 0, 91, 0, 0])]), "item 1: latitude 91 is not"),
+        (document([simple(1, WAYPOINT, [1e39, 0, 0, 0, 0, 0, 0])]), "item 1: param1 is too large"),
+        (document([simple(1, WAYPOINT, [10**400, 0, 0, 0, 0, 0, 0])]), "item 1:"),
         (document([simple(1, 65536, [0] * 7)]), "item 1: expected a whole number from 0 to 65535, found 65536"),
-        (document([simple(65536, 16, [0] * 7)]), "item 1: expected a whole number from 0 to 65535, found 65536"),
-        (document([simple(1, 177, [5, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
-        (document([simple(1, 177, [None, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
+        (document([simple(65536, WAYPOINT, [0] * 7)]), "item 1: expected a whole number from 0 to 65535, found 65536"),
+        (document([simple(1, JUMP, [5, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
+        (document([simple(1, JUMP, [None, 1, 0, 0, 0, 0, 0])]), "item 1: DO_JUMP: 0 items"),
         *(
-            (document([simple(1, 16, [0] * 7, frame=frame)]), "item 1: expected a whole number from 0 to 255")
+            (document([simple(1, WAYPOINT, [0] * 7, frame=frame)]), "item 1: expected a whole number from 0 to 255")
             for frame in (-1, 256, 0.5)
         ),
-        (document([simple(1, 16, [0] * 7, autoContinue=1)]), "item 1: expected true or false"),
+        (document([simple(1, WAYPOINT, [0] * 7, autoContinue=1)]), "item 1: expected true or false"),
         (document(polygons=[{"inclusion": True, "polygon": []}]), "geoFence: item 1: the polygon has no"),
         (document(polygons=[{"polygon": [[1, 2]]}]), "geoFence: item 1: expected true or false"),
         *(
@@ -221,7 +233,7 @@ def test_absent_parts_have_their_defaults():
         ),
         (QGC | {"x" * 38: 0}, f"key '{'x' * 38}' is not known"),
         (QGC | {"x" * 39: 0}, f"key '{'x' * 36}... is not known"),
-        (document([simple(1, 16, [0] * 7)] * 2001), "at most 2000"),
+        (document([simple(1, WAYPOINT, [0] * 7)] * 2001), "at most 2000"),
     ],
 )
 def test_invalid_plan_is_refused_with_the_reason(content, error):

@@ -15,6 +15,11 @@ from firmware_py.plans.qgc_file import read_plan, write_plan
 from firmware_py.plans.read_file import read_plan_file
 from firmware_py.plans.text_files import read_text, write_text
 
+# MAV_CMD.
+WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, JUMP = 16, 17, 18, 177
+TRIGGER_DISTANCE, IMAGE_CAPTURE, UNUSED_NUMBER = 206, 2000, 42  # two of cameras
+INCLUDED_VERTEX, EXCLUDED_CIRCLE, RALLY_POINT = 5001, 5004, 5100
+
 HEADER = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
 
 
@@ -33,20 +38,20 @@ def mavwp(monkeypatch):
 MISSION = Plan.of(
     PlanKind.MISSION,
     [
-        PlanItem(16, 3, True, (1.0, 2.5, 0.0, 0.0), 361_234_567, -1_211_234_567, 1.25),
-        PlanItem(18, 0, False, (3.0, 0.0, -20.0, 0.0), -1, 2, 0.0),
-        PlanItem(177, 2, True, (1.0, 5.0, 0.0, 0.0)),
+        PlanItem(WAYPOINT, 3, True, (1.0, 2.5, 0.0, 0.0), 361_234_567, -1_211_234_567, 1.25),
+        PlanItem(LOITER_TURNS, 0, False, (3.0, 0.0, -20.0, 0.0), -1, 2, 0.0),
+        PlanItem(JUMP, 2, True, (1.0, 5.0, 0.0, 0.0)),
     ],
 )
 CORNERS = ((0, 0), (0, 900_000), (900_000, 450_000))
 FENCE = Plan.of(
     PlanKind.FENCE,
     [
-        *(PlanItem(5001, 0, True, (3.0, 0.0, 0.0, 0.0), x, y) for x, y in CORNERS),
-        PlanItem(5004, 0, True, (12.5, 0.0, 0.0, 0.0), 300_000, 450_000),
+        *(PlanItem(INCLUDED_VERTEX, 0, True, (3.0, 0.0, 0.0, 0.0), x, y) for x, y in CORNERS),
+        PlanItem(EXCLUDED_CIRCLE, 0, True, (12.5, 0.0, 0.0, 0.0), 300_000, 450_000),
     ],
 )
-RALLY = Plan.of(PlanKind.RALLY, [PlanItem(5100, 3, True, x=5_000_000, y=-7_000_000, z=2.0)])
+RALLY = Plan.of(PlanKind.RALLY, [PlanItem(RALLY_POINT, 3, True, x=5_000_000, y=-7_000_000, z=2.0)])
 
 
 @pytest.mark.parametrize(
@@ -61,7 +66,7 @@ def test_written_file_is_read_by_pymavlink_and_its_file_is_read(tmp_path, mavwp,
     assert oracle.load(str(path)) == len(plan.items) + home_count
     for index, item in enumerate(plan.items):
         waypoint = oracle.wp(index + home_count)
-        param1 = item.params[0] + (home_count if item.command == 177 else 0)
+        param1 = item.params[0] + (home_count if item.command == JUMP else 0)
         assert (waypoint.command, waypoint.frame, waypoint.autocontinue) == (
             item.command,
             item.frame,
@@ -94,8 +99,8 @@ def test_older_fence_and_rally_files_are_read_as_by_pymavlink(tmp_path, mavwp):
     path.write_text("RALLY 36.1 121.1 1.5 0 0 0\nRALLY 36.2 -121.2 0 0 0 0\n")
     (rally,) = read_plan_file(path.read_bytes(), "rally.txt")
     assert rally.items == (
-        PlanItem(5100, 3, True, (0.0, 0.0, 0.0, 0.0), 361_000_000, 1_211_000_000, 1.5),
-        PlanItem(5100, 3, True, (0.0, 0.0, 0.0, 0.0), 362_000_000, -1_212_000_000, 0.0),
+        PlanItem(RALLY_POINT, 3, True, (0.0, 0.0, 0.0, 0.0), 361_000_000, 1_211_000_000, 1.5),
+        PlanItem(RALLY_POINT, 3, True, (0.0, 0.0, 0.0, 0.0), 362_000_000, -1_212_000_000, 0.0),
     )
 
 
@@ -151,23 +156,41 @@ def waypoints(*rows):
 
 def test_camera_items_are_skipped_and_jumps_keep_their_targets():
     texts = []
-    rows = [(206, 25), (16, 0), (177, 6), (206, 0), (2000, 0), (16, 0), (177, 1), (17, 0)]
+    rows = [
+        (TRIGGER_DISTANCE, 25),
+        (WAYPOINT, 0),
+        (JUMP, 6),
+        (TRIGGER_DISTANCE, 0),
+        (IMAGE_CAPTURE, 0),
+        (WAYPOINT, 0),
+        (JUMP, 1),
+        (LOITER_UNLIMITED, 0),
+    ]
     (plan,) = read_plan_file(waypoints(*rows), "a.waypoints", note=texts.append)
-    assert [(item.command, item.params[0]) for item in plan.items] == [(16, 0), (177, 2), (16, 0), (177, 0), (17, 0)]
+    assert [(item.command, item.params[0]) for item in plan.items] == [
+        (WAYPOINT, 0),
+        (JUMP, 2),
+        (WAYPOINT, 0),
+        (JUMP, 0),
+        (LOITER_UNLIMITED, 0),
+    ]
     assert texts == ["a.waypoints: mission: camera items skipped: 3 (MAV_CMD 206, 2000); the boat has no camera"]
 
 
 @pytest.mark.parametrize(
     ("rows", "error"),
     [
-        ([(206, 25), (16, -1)], "mission: item 2: NAV_WAYPOINT: param1 is -1"),
-        ([(206, 25), (16, 0), (177, 9)], "mission: item 3: DO_JUMP: the target item"),
-        ([(206, 25), (16, 0), (177, 1.5)], "mission: item 3: DO_JUMP: param1 is 0.5"),
-        ([(206, 25), (16, 0), (177, 0)], "mission: item 3: DO_JUMP: param1 is -1"),
-        ([(206, 25), (16, 0), (177, "nan")], "mission: item 3: DO_JUMP: param1 is nan"),
-        ([(16, 0), (177, 3), (206, 25)], "mission: item 2: DO_JUMP: the target item does not exist"),
-        ([(206, 25), (206, 0)], "only camera commands"),
-        ([(42, 0)], "command 42 is not known in a mission"),
+        ([(TRIGGER_DISTANCE, 25), (WAYPOINT, -1)], "mission: item 2: NAV_WAYPOINT: param1 is -1"),
+        ([(TRIGGER_DISTANCE, 25), (WAYPOINT, 0), (JUMP, 9)], "mission: item 3: DO_JUMP: the target item"),
+        ([(TRIGGER_DISTANCE, 25), (WAYPOINT, 0), (JUMP, 1.5)], "mission: item 3: DO_JUMP: param1 is 0.5"),
+        ([(TRIGGER_DISTANCE, 25), (WAYPOINT, 0), (JUMP, 0)], "mission: item 3: DO_JUMP: param1 is -1"),
+        ([(TRIGGER_DISTANCE, 25), (WAYPOINT, 0), (JUMP, "nan")], "mission: item 3: DO_JUMP: param1 is nan"),
+        (
+            [(WAYPOINT, 0), (JUMP, 3), (TRIGGER_DISTANCE, 25)],
+            "mission: item 2: DO_JUMP: the target item does not exist",
+        ),
+        ([(TRIGGER_DISTANCE, 25), (TRIGGER_DISTANCE, 0)], "only camera commands"),
+        ([(UNUSED_NUMBER, 0)], "command 42 is not known in a mission"),
     ],
 )
 def test_problem_has_the_item_number_of_the_file(rows, error):
@@ -178,7 +201,7 @@ def test_problem_has_the_item_number_of_the_file(rows, error):
 
 
 def test_camera_item_without_a_place_is_skipped():
-    trigger = {"type": "SimpleItem", "command": 2000, "frame": 2, "params": [0, 1, 1, None, None, None, None]}
-    waypoint = {"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 0, 0, None, 1, 2, 0]}
+    trigger = {"type": "SimpleItem", "command": IMAGE_CAPTURE, "frame": 2, "params": [0, 1, 1, None, None, None, None]}
+    waypoint = {"type": "SimpleItem", "command": WAYPOINT, "frame": 3, "params": [0, 0, 0, None, 1, 2, 0]}
     text = json.dumps({"fileType": "Plan", "mission": {"version": 2, "items": [trigger, waypoint]}})
-    assert [item.command for item in read_plan_file(text.encode(), "a.plan")[0].items] == [16]
+    assert [item.command for item in read_plan_file(text.encode(), "a.plan")[0].items] == [WAYPOINT]

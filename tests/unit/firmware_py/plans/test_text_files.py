@@ -8,6 +8,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.text_files import read_text, write_text
 
+WAYPOINT, JUMP = 16, 177  # MAV_CMD
 HOME_LINE = "0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
 WPL_HEADER = "QGC WPL 110\n" + HOME_LINE
 
@@ -23,8 +24,8 @@ def test_waypoints_are_read_with_and_without_home():
     )
     assert repr(plan.items) == repr(
         (
-            PlanItem(16, 3, True, (0.0, 5.5, 0.0, math.nan), 361_234_567, 1_211_000_000, 0.0),
-            PlanItem(177, 2, True, (0.0, -1.0, 0.0, 0.0)),
+            PlanItem(WAYPOINT, 3, True, (0.0, 5.5, 0.0, math.nan), 361_234_567, 1_211_000_000, 0.0),
+            PlanItem(JUMP, 2, True, (0.0, -1.0, 0.0, 0.0)),
         )
     )
     home_as_item = read_text(WPL_HEADER, "a.waypoints", home=False)
@@ -33,8 +34,8 @@ def test_waypoints_are_read_with_and_without_home():
 
 def test_written_file_has_home_and_the_columns_of_the_format():
     items = [
-        PlanItem(16, 3, False, (1.0, -0.0, math.nan, 0.1), 361_234_567, -1_211_234_567, -2.5),
-        PlanItem(177, 2, True, (0.0, -1.0, 0.0, 0.0), 2**31 - 1, 0),
+        PlanItem(WAYPOINT, 3, False, (1.0, -0.0, math.nan, 0.1), 361_234_567, -1_211_234_567, -2.5),
+        PlanItem(JUMP, 2, True, (0.0, -1.0, 0.0, 0.0), 2**31 - 1, 0),
     ]
     text = write_text(Plan.of(PlanKind.MISSION, items))
     assert text.splitlines() == [
