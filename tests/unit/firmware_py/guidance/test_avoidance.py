@@ -22,9 +22,9 @@ MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
 INCLUDED_VERTEX, EXCLUDED_CIRCLE = 5001, 5004
 
 
-def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.0):
+def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, cpa_in_s=900.0):
     position = VesselPosition(0.0, 1, VesselKind.CLASS_A, *placed(north_m, east_m), speed_m_s, math.radians(course_deg))
-    return Vessel(position, cpa_m=0.0, cpa_in_s=in_s, near_s=near_s)
+    return Vessel(position, cpa_m=0.0, cpa_in_s=cpa_in_s, near_s=near_s)
 
 
 def inputs(*vessels, t_s=0.0, unchanged_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=None):  # noqa: B008 - frozen
@@ -58,16 +58,16 @@ def test_heading_for_a_ship_ahead_is_at_the_limit_of_the_sector(east_m, heading_
 def test_heading_near_a_fence_is_to_the_other_side():
     free, _ = run_round(ship(6000.0, -50.0), fence=fence_to(3000.0))
     assert math.degrees(free.heading_rad) == pytest.approx(60.0)
-    for others in ((), (ship(6000.0, -60.0, in_s=0.0),)):  # the track is checked until the last vessel has passed
+    for others in ((), (ship(6000.0, -60.0, cpa_in_s=0.0),)):  # the track is checked until the last vessel has passed
         state, _ = run_round(ship(6000.0, -50.0), *others, fence=fence_to(200.0))
         assert math.degrees(state.heading_rad) > 180.0
 
 
-@pytest.mark.parametrize(("near_s", "in_s"), [(None, 900.0), (0.0, None), (0.0, 0.0)])
+@pytest.mark.parametrize(("near_s", "cpa_in_s"), [(None, 900.0), (0.0, None), (0.0, 0.0)])
 @pytest.mark.parametrize(("east_m", "is_clear"), [(51.25, True), (51.15, False)])
-def test_track_of_a_minute_stays_30_m_clear_of_the_fence(east_m, is_clear, near_s, in_s):
+def test_track_of_a_minute_stays_30_m_clear_of_the_fence(east_m, is_clear, near_s, cpa_in_s):
     """On 60 deg the boat is 20.8 m nearer to the fence after 60 s; the last leg is 6 m long."""
-    state, _ = run_round(ship(6000.0, -50.0, near_s=near_s, in_s=in_s), fence=fence_to(east_m))
+    state, _ = run_round(ship(6000.0, -50.0, near_s=near_s, cpa_in_s=cpa_in_s), fence=fence_to(east_m))
     assert (math.degrees(state.heading_rad) == pytest.approx(60.0)) is is_clear
 
 
@@ -141,19 +141,23 @@ def test_reported_distances_are_those_at_the_end_of_the_round():
         state = IDLE
         for tick in range(20):
             state, events = avoidance.update(
-                SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0, in_s=0.0), t_s=tick_s * tick)
+                SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0, cpa_in_s=0.0), t_s=tick_s * tick)
             )
             if events:
                 return float(events[0].text.split()[-6])
         return None
 
     assert cpa_m(0.1) == 384.0
+    # The ship is ahead at 1000 s; the round of 14 ticks leaves less time to move aside.
     assert cpa_m(5.0) == pytest.approx(50.0 + (384.0 - 50.0) * (1000.0 - 5.0 * 14) / 1000.0, abs=3.0)
 
 
 @pytest.mark.parametrize("legs", [0.5, 1.5, 3.5])
 def test_fence_is_checked_between_the_ends_of_a_leg(legs):
-    """A small circle is on the track of 60 degrees; its distance from the ends of the four legs is sufficient."""
+    """A small circle is on the track of 60 degrees; its distance from the ends of the four legs is sufficient.
+
+    The track is that of 960 s at 0.4 m/s: a minute longer than to the closest approach.
+    """
     radius_m, distance_m = 15.0, legs * 0.25 * 0.4 * 960.0
     centre = distance_m * math.cos(math.radians(60.0)), distance_m * math.sin(math.radians(60.0))
     fence = Plan.of(PlanKind.FENCE, [item(EXCLUDED_CIRCLE, *centre, radius_m)])
@@ -203,7 +207,7 @@ def test_tick_tries_one_heading(monkeypatch):
 
 def test_escort_does_not_hide_a_ship():
     """The distance to the escort is the same on any heading, so the ship decides."""
-    escort = replace(ship(80.0, 0.0, 0.4, 0.0, in_s=0.0), near_s=0.0)
+    escort = replace(ship(80.0, 0.0, 0.4, 0.0, cpa_in_s=0.0), near_s=0.0)
     alone, texts_alone = run_round(ship(6000.0, -50.0))
     state, texts = run_round(ship(6000.0, -50.0), escort)
     assert math.degrees(state.heading_rad) == pytest.approx(math.degrees(alone.heading_rad))

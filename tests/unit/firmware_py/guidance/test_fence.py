@@ -12,6 +12,8 @@ from firmware_py.guidance.fence import FenceState, update
 from firmware_py.plans.fence import fence_of, margin_m
 
 MAX_DISTANCE_M = 1e7
+FENCE_RETURN, INCLUDED_VERTEX, EXCLUDED_VERTEX, INCLUDED_CIRCLE, EXCLUDED_CIRCLE = range(5000, 5005)  # MAV_CMD
+WAYPOINT = 16
 
 CENTRE = Place(0.6, 2.0)
 
@@ -32,7 +34,7 @@ def fence(*items):
 
 
 def test_margin_is_the_distance_of_the_nearest_edge():
-    plan = fence(*square(5001, 500.0))
+    plan = fence(*square(INCLUDED_VERTEX, 500.0))
     assert margin_m(plan, CENTRE) == pytest.approx(500.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(0.0, -530.0)) == pytest.approx(-30.0, abs=0.5)
@@ -40,9 +42,9 @@ def test_margin_is_the_distance_of_the_nearest_edge():
 
 
 def test_circle_at_0_0_is_valid():
-    both = fence(*square(5001, 500.0), PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
+    both = fence(*square(INCLUDED_VERTEX, 500.0), PlanItem(EXCLUDED_CIRCLE, params=(100.0, 0.0, 0.0, 0.0)))
     assert margin_m(both, CENTRE) == pytest.approx(500.0, abs=0.5)
-    alone = fence(PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
+    alone = fence(PlanItem(EXCLUDED_CIRCLE, params=(100.0, 0.0, 0.0, 0.0)))
     assert margin_m(alone, Place(0.0, 0.0)) == pytest.approx(-100.0)
 
 
@@ -50,52 +52,56 @@ def test_circle_at_0_0_is_valid():
 def test_vertex_at_0_0_is_valid(first):
     corners = [(0, 0), (10_000_000, 0), (10_000_000, 10_000_000), (0, 10_000_000)]
     rotated = corners[first:] + corners[:first]
-    plan = fence(*(PlanItem(5001, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in rotated))
+    plan = fence(*(PlanItem(INCLUDED_VERTEX, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in rotated))
     half = math.radians(0.5)
     assert margin_m(plan, Place(half, half)) == pytest.approx(half * 6371008.8, rel=0.001)
     assert margin_m(plan, Place(half, -half)) == pytest.approx(-half * 6371008.8, rel=0.001)
 
 
 def test_margin_of_exclusion_areas():
-    plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
+    plan = fence(
+        *square(INCLUDED_VERTEX, 500.0),
+        *square(EXCLUDED_VERTEX, 50.0, at=(200.0, 0.0)),
+        corner(EXCLUDED_CIRCLE, -200.0, 0.0, 40.0),
+    )
     assert margin_m(plan, CENTRE.at_offset(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
     assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
 
 
 def test_margin_of_inclusion_groups():
-    both = fence(corner(5003, 0.0, 0.0, 300.0), corner(5003, 0.0, 200.0, 300.0))
+    both = fence(corner(INCLUDED_CIRCLE, 0.0, 0.0, 300.0), corner(INCLUDED_CIRCLE, 0.0, 200.0, 300.0))
     assert margin_m(both, CENTRE.at_offset(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
     assert margin_m(both, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
-    either = fence(corner(5003, 0.0, 0.0, 300.0, 1), corner(5003, 0.0, 200.0, 300.0, 2))
+    either = fence(corner(INCLUDED_CIRCLE, 0.0, 0.0, 300.0, 1), corner(INCLUDED_CIRCLE, 0.0, 200.0, 300.0, 2))
     assert margin_m(either, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
 
 
 def test_empty_fence_and_incomplete_polygon_have_no_margin():
     assert margin_m(fence(), CENTRE) == MAX_DISTANCE_M
-    assert fence_of(fence(*square(5001, 500.0)[:2])) is None
+    assert fence_of(fence(*square(INCLUDED_VERTEX, 500.0)[:2])) is None
 
 
 def test_margin_near_the_fence_is_recomputed_every_two_metres():
-    plan = fence(*square(5001, 500.0))
+    plan = fence(*square(INCLUDED_VERTEX, 500.0))
     state = update(FenceState(), plan, CENTRE.at_offset(495.0, 0.0))
     assert update(state, plan, CENTRE.at_offset(493.1, 0.0)) is state
     assert update(state, plan, CENTRE.at_offset(492.9, 0.0)).margin_m == pytest.approx(7.1, abs=0.1)
 
 
 def test_margin_is_recomputed_after_movement_or_with_another_fence():
-    plan = fence(*square(5001, 500.0))
+    plan = fence(*square(INCLUDED_VERTEX, 500.0))
     state = update(FenceState(), plan, CENTRE)
     assert update(state, plan, CENTRE.at_offset(49.0, 0.0)) is state  # less than a tenth of the margin
     moved = update(state, plan, CENTRE.at_offset(51.0, 0.0))
     assert moved.margin_m == pytest.approx(449.0, abs=0.5)
-    changed = update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(51.0, 0.0))
+    changed = update(moved, fence(*square(INCLUDED_VERTEX, 400.0)), CENTRE.at_offset(51.0, 0.0))
     assert changed.margin_m == pytest.approx(349.0, abs=0.5)
 
 
 items = st.builds(
     PlanItem,
-    st.sampled_from([5000, 5001, 5002, 5003, 5004, 16]),
+    st.sampled_from([FENCE_RETURN, INCLUDED_VERTEX, EXCLUDED_VERTEX, INCLUDED_CIRCLE, EXCLUDED_CIRCLE, WAYPOINT]),
     params=st.tuples(*[st.floats(width=32) for _ in range(4)]),
     x=st.integers(-(2**31), 2**31 - 1),
     y=st.integers(-(2**31), 2**31 - 1),

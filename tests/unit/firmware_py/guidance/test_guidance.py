@@ -37,11 +37,11 @@ def run(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - fro
 
 
 @pytest.mark.parametrize(
-    ("ability_1_s", "speed_m_s", "limit_deg", "radius_m"),
+    ("gain_1_s", "speed_m_s", "limit_deg", "radius_m"),
     [(0.05, 0.4, 30.0, 15.279), (20.0, 0.05, 60.0, 1.0), (0.0001, 5.0, 1.0, 1000.0)],
 )
-def test_turning_radius_is_that_at_full_rudder_from_1_to_1000_m(ability_1_s, speed_m_s, limit_deg, radius_m):
-    values = ParameterSet().replaced("MDL_K", ability_1_s).replaced("MDL_SPEED", speed_m_s)
+def test_turning_radius_is_that_at_full_rudder_from_1_to_1000_m(gain_1_s, speed_m_s, limit_deg, radius_m):
+    values = ParameterSet().replaced("MDL_K", gain_1_s).replaced("MDL_SPEED", speed_m_s)
     settings = TaskSettings.of(values.replaced("RUD_LIMIT_DEG", limit_deg))
     assert settings.turning_radius_m == pytest.approx(radius_m, abs=1e-3)
 

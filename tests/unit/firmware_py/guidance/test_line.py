@@ -23,9 +23,9 @@ def go_to(origin, north_m, east_m, start=(0.0, 0.0), acceptance_radius_m=20.0):
     )
 
 
-@pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
-def test_boat_converges_to_the_line(simulated_boat, origin, current):
-    boat = simulated_boat(0.0, 80.0, 2.0, current=current)
+@pytest.mark.parametrize("current_m_s", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
+def test_boat_converges_to_the_line(simulated_boat, origin, current_m_s):
+    boat = simulated_boat(0.0, 80.0, 2.0, current=current_m_s)
     task = go_to(origin, 5000.0, 0.0)
     for _ in range(2000):
         boat.step(task)
@@ -35,27 +35,30 @@ def test_boat_converges_to_the_line(simulated_boat, origin, current):
 
 
 def test_integral_compensates_an_unknown_current(simulated_boat, origin):
-    boat = simulated_boat(current=(0.0, 0.1))
+    boat = simulated_boat()
     task = go_to(origin, 5000.0, 0.0)
-    current, boat.current = boat.current, (0.0, 0.0)
     for _ in range(3000):
         boat.step(task)
-        boat.east_m += current[1]
+        boat.east_m += 0.1  # a second in a current that guidance does not know
     assert abs(boat.status.cross_track_m) < 1.5
 
 
 def test_integral_follows_the_law_of_integral_line_of_sight(origin, task_settings):
     """Equation of Caharija et al. (2016), with the integral in seconds."""
-    error_m, start_s = 8.0, 200.0
+    error_m, initial_integral_s = 8.0, 200.0
     motion = VesselMotion(origin.at_offset(100.0, error_m), 0.0, 0.4, 0.0, 0.0)
-    state, status = line.update(task_settings, LineState(origin, start_s), go_to(origin, 1000.0, 0.0), motion, 2.0)
-    look_m, offset_m = look_ahead_m(task_settings, motion), error_m + 0.1 * 0.4 * start_s
-    assert state.integral_s - start_s == pytest.approx(2.0 * look_m * error_m / (look_m**2 + offset_m**2), rel=1e-3)
+    state, status = line.update(
+        task_settings, LineState(origin, initial_integral_s), go_to(origin, 1000.0, 0.0), motion, 2.0
+    )
+    look_m, offset_m = look_ahead_m(task_settings, motion), error_m + 0.1 * 0.4 * initial_integral_s
+    assert state.integral_s - initial_integral_s == pytest.approx(
+        2.0 * look_m * error_m / (look_m**2 + offset_m**2), rel=1e-3
+    )
     assert status.course_rad == pytest.approx(2.0 * math.pi - math.atan2(offset_m, look_m), rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("error_m", "speed_m_s", "start_s", "integral_s"),
+    ("error_m", "speed_m_s", "initial_integral_s", "integral_s"),
     [
         (9.4, 0.4, 200.0, 200.0),  # constant at more than 0.3 look-ahead distances of 31.2 m
         (20.0, 0.4, 1e9, 390.0),  # at most half a look-ahead distance, at 0.1 of the speed
@@ -63,9 +66,11 @@ def test_integral_follows_the_law_of_integral_line_of_sight(origin, task_setting
         (20.0, 0.0, 1e9, 15_600.0),
     ],
 )
-def test_integral_is_limited(origin, task_settings, error_m, speed_m_s, start_s, integral_s):
+def test_integral_is_limited(origin, task_settings, error_m, speed_m_s, initial_integral_s, integral_s):
     motion = VesselMotion(origin.at_offset(100.0, error_m), 0.0, speed_m_s, 0.0, 0.0)
-    state, _ = line.update(task_settings, LineState(origin, start_s), go_to(origin, 1000.0, 0.0), motion, 2.0)
+    state, _ = line.update(
+        task_settings, LineState(origin, initial_integral_s), go_to(origin, 1000.0, 0.0), motion, 2.0
+    )
     assert state.integral_s == pytest.approx(integral_s)
 
 
@@ -104,10 +109,10 @@ def test_look_ahead_grows_with_speed_between_limits(origin, task_settings):
 
 
 @pytest.mark.parametrize("distance_m", [3.0, 18.0, 70.0])
-@pytest.mark.parametrize("current", [(0.0, 0.0), (0.15, 0.2), (-0.3, 0.0)])
-def test_place_within_the_turning_circle_is_reached(simulated_boat, origin, distance_m, current):
+@pytest.mark.parametrize("current_m_s", [(0.0, 0.0), (0.15, 0.2), (-0.3, 0.0)])
+def test_place_within_the_turning_circle_is_reached(simulated_boat, origin, distance_m, current_m_s):
     for angle_rad in map(math.radians, range(0, 360, 45)):
-        boat = simulated_boat(current=current)
+        boat = simulated_boat(current=current_m_s)
         place_m = distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)
         task = go_to(origin, *place_m, None, acceptance_radius_m=2.0)
         while not boat.follower.arrived:
@@ -224,8 +229,8 @@ def test_course_is_finite_for_any_input(motion, start, to, acceptance_radius_m, 
 def test_place_is_always_reached(north_m, east_m, heading_rad, acceptance_radius_m, drift, toward_rad):
     from tests.unit.firmware_py.guidance.conftest import ORIGIN, SimulatedBoat  # noqa: PLC0415
 
-    current = (0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad))
-    boat = SimulatedBoat(heading_rad=heading_rad, current=current)
+    current_m_s = (0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad))
+    boat = SimulatedBoat(heading_rad=heading_rad, current=current_m_s)
     task = go_to(ORIGIN, north_m, east_m, None, acceptance_radius_m)
     while not boat.follower.arrived:
         boat.step(task)

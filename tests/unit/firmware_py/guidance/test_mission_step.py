@@ -14,6 +14,7 @@ from firmware_py.guidance.mission_step import MissionStep, convert_item, convert
 from firmware_py.plans.items import TABLE, Command
 
 NAN = math.nan
+TAKEOFF = 22  # MAV_CMD of an item that is skipped
 
 
 def item(command, *params, x=0, y=0, autocontinue=True):
@@ -39,46 +40,49 @@ PLACE = Place(math.radians(36.0), math.radians(121.0))
 @pytest.mark.parametrize(
     ("plan_item", "step"),
     [
-        (item(16, 30, 12.5, autocontinue=False), waypoint(None, 12.5, 30.0, autocontinue=False)),
-        (item(16, -5, -12.5, **PLACE_X_Y), waypoint(PLACE, 12.5)),
-        (item(16, NAN, NAN), waypoint()),
-        (item(17), MissionStep(Command.LOITER_UNLIMITED)),
-        (item(17, 0, 0, 100_001), MissionStep(Command.LOITER_UNLIMITED, radius_m=100_000.0)),
-        (item(18, 3, 0, -40), MissionStep(Command.LOITER_TURNS, None, 40.0, 3.0, turns=3.0, clockwise=False)),
-        (item(18, -3, 0, 40), MissionStep(Command.LOITER_TURNS, None, 40.0)),
-        (item(19, 0.5, 0, 70), MissionStep(Command.LOITER_TIME, None, 70.0, 0.5, turns=0.5)),
-        (item(20), MissionStep(Command.RETURN)),
-        (item(93, 90), delay(90.0)),
-        (item(93, 0), delay(0.0)),
-        (item(93, -1, 13, 30, 5), delay(0.0, 48_605.0)),
-        (item(93, NAN, 0, 0, 1), delay(0.0, 1.0)),
-        (item(93, NAN, -1, 1, 1), delay(0.0)),
-        (item(93, -1, -2, -2, -2), delay(0.0, 0.0)),
-        (item(93, -1, 25, 0, 0), delay(0.0, 23.0 * 3600.0)),
-        (item(93, -1, 0, 61, 0), delay(0.0, 59.0 * 60.0)),
-        (item(93, -1, 0, 0, 62), delay(0.0, 60.0)),
-        (item(93, -1, 23, 59, 60), delay(0.0, 0.0)),
-        (item(112, 0.5), MissionStep(Command.CONDITION_DELAY, seconds=0.5)),
-        (item(112, -5), MissionStep(Command.CONDITION_DELAY)),
-        (item(114, 0.5), MissionStep(Command.CONDITION_DISTANCE, distance_m=0.5)),
-        (item(114, -5), MissionStep(Command.CONDITION_DISTANCE)),
-        (item(115, 90, 0, -1, 0), heading(Command.YAW, 90.0)),
-        (item(115, 30, 0, -1, 1), heading(Command.YAW, 330.0, relative=True)),
-        (item(115, 30, 0, 0, 1), heading(Command.YAW, 30.0, relative=True)),
-        (item(115, 400), heading(Command.YAW, 0.0)),
-        (item(115, -400), heading(Command.YAW, 0.0)),
-        (item(213, -45, 0, 1), heading(Command.YAW_SPEED, 315.0, relative=True)),
-        (item(213, 400), heading(Command.YAW_SPEED, 0.0)),
-        (item(213, -400), heading(Command.YAW_SPEED, 0.0)),
-        (item(177, 3, -1), MissionStep(Command.JUMP, target=3, times=-1)),
-        (item(177, -5, -5), MissionStep(Command.JUMP, target=-1, times=-1)),
-        (item(177, 2e6, 2e6), MissionStep(Command.JUMP, target=1_000_000, times=1_000_000)),
-        (item(178, 0, 2), MissionStep(Command.CHANGE_SPEED)),
-        (item(179, 1, **PLACE_X_Y), MissionStep(Command.SET_HOME)),
-        (item(179, 0, **PLACE_X_Y), MissionStep(Command.SET_HOME, PLACE)),
-        (item(207, 1), MissionStep(Command.FENCE_ENABLE, enabled=True)),
-        (item(207, 0, autocontinue=False), MissionStep(Command.FENCE_ENABLE, autocontinue=False)),
-        (item(22, 5, autocontinue=False), MissionStep(None, autocontinue=False)),
+        (item(Command.WAYPOINT, 30, 12.5, autocontinue=False), waypoint(None, 12.5, 30.0, autocontinue=False)),
+        (item(Command.WAYPOINT, -5, -12.5, **PLACE_X_Y), waypoint(PLACE, 12.5)),
+        (item(Command.WAYPOINT, NAN, NAN), waypoint()),
+        (item(Command.LOITER_UNLIMITED), MissionStep(Command.LOITER_UNLIMITED)),
+        (item(Command.LOITER_UNLIMITED, 0, 0, 100_001), MissionStep(Command.LOITER_UNLIMITED, radius_m=100_000.0)),
+        (
+            item(Command.LOITER_TURNS, 3, 0, -40),
+            MissionStep(Command.LOITER_TURNS, None, 40.0, 3.0, turns=3.0, clockwise=False),
+        ),
+        (item(Command.LOITER_TURNS, -3, 0, 40), MissionStep(Command.LOITER_TURNS, None, 40.0)),
+        (item(Command.LOITER_TIME, 0.5, 0, 70), MissionStep(Command.LOITER_TIME, None, 70.0, 0.5, turns=0.5)),
+        (item(Command.RETURN), MissionStep(Command.RETURN)),
+        (item(Command.DELAY, 90), delay(90.0)),
+        (item(Command.DELAY, 0), delay(0.0)),
+        (item(Command.DELAY, -1, 13, 30, 5), delay(0.0, 48_605.0)),
+        (item(Command.DELAY, NAN, 0, 0, 1), delay(0.0, 1.0)),
+        (item(Command.DELAY, NAN, -1, 1, 1), delay(0.0)),
+        (item(Command.DELAY, -1, -2, -2, -2), delay(0.0, 0.0)),
+        (item(Command.DELAY, -1, 25, 0, 0), delay(0.0, 23.0 * 3600.0)),
+        (item(Command.DELAY, -1, 0, 61, 0), delay(0.0, 59.0 * 60.0)),
+        (item(Command.DELAY, -1, 0, 0, 62), delay(0.0, 60.0)),
+        (item(Command.DELAY, -1, 23, 59, 60), delay(0.0, 0.0)),
+        (item(Command.CONDITION_DELAY, 0.5), MissionStep(Command.CONDITION_DELAY, seconds=0.5)),
+        (item(Command.CONDITION_DELAY, -5), MissionStep(Command.CONDITION_DELAY)),
+        (item(Command.CONDITION_DISTANCE, 0.5), MissionStep(Command.CONDITION_DISTANCE, distance_m=0.5)),
+        (item(Command.CONDITION_DISTANCE, -5), MissionStep(Command.CONDITION_DISTANCE)),
+        (item(Command.YAW, 90, 0, -1, 0), heading(Command.YAW, 90.0)),
+        (item(Command.YAW, 30, 0, -1, 1), heading(Command.YAW, 330.0, relative=True)),
+        (item(Command.YAW, 30, 0, 0, 1), heading(Command.YAW, 30.0, relative=True)),
+        (item(Command.YAW, 400), heading(Command.YAW, 0.0)),
+        (item(Command.YAW, -400), heading(Command.YAW, 0.0)),
+        (item(Command.YAW_SPEED, -45, 0, 1), heading(Command.YAW_SPEED, 315.0, relative=True)),
+        (item(Command.YAW_SPEED, 400), heading(Command.YAW_SPEED, 0.0)),
+        (item(Command.YAW_SPEED, -400), heading(Command.YAW_SPEED, 0.0)),
+        (item(Command.JUMP, 3, -1), MissionStep(Command.JUMP, target=3, times=-1)),
+        (item(Command.JUMP, -5, -5), MissionStep(Command.JUMP, target=-1, times=-1)),
+        (item(Command.JUMP, 2e6, 2e6), MissionStep(Command.JUMP, target=1_000_000, times=1_000_000)),
+        (item(Command.CHANGE_SPEED, 0, 2), MissionStep(Command.CHANGE_SPEED)),
+        (item(Command.SET_HOME, 1, **PLACE_X_Y), MissionStep(Command.SET_HOME)),
+        (item(Command.SET_HOME, 0, **PLACE_X_Y), MissionStep(Command.SET_HOME, PLACE)),
+        (item(Command.FENCE_ENABLE, 1), MissionStep(Command.FENCE_ENABLE, enabled=True)),
+        (item(Command.FENCE_ENABLE, 0, autocontinue=False), MissionStep(Command.FENCE_ENABLE, autocontinue=False)),
+        (item(TAKEOFF, 5, autocontinue=False), MissionStep(None, autocontinue=False)),
     ],
 )
 def test_items_are_converted_to_si_units_within_their_limits(plan_item, step):
@@ -88,14 +92,14 @@ def test_items_are_converted_to_si_units_within_their_limits(plan_item, step):
 
 
 def test_mission_is_converted_once():
-    plan = Plan.of(PlanKind.MISSION, [item(16), item(20)])
+    plan = Plan.of(PlanKind.MISSION, [item(Command.WAYPOINT), item(Command.RETURN)])
     assert convert_mission(plan) is convert_mission(plan)
     assert [step.command for step in convert_mission(plan)] == [Command.WAYPOINT, Command.RETURN]
 
 
 items = st.builds(
     PlanItem,
-    st.sampled_from([*(int(row.command) for row in TABLE), 22, 0, 65535]),
+    st.sampled_from([*(int(row.command) for row in TABLE), TAKEOFF, 0, 65535]),
     autocontinue=st.booleans(),
     params=st.tuples(*[st.floats(width=32) for _ in range(4)]),
     x=st.integers(-(2**31), 2**31 - 1),
@@ -115,7 +119,14 @@ def test_step_is_finite_for_any_item(plan_item):
 
 
 def test_tags_and_distances_are_resolved_to_items_and_places():
-    items = [item(600, 7), item(114, 80), item(207, 0), item(112, 30), item(16, **PLACE_X_Y), item(601, 7, 2)]
+    items = [
+        item(Command.JUMP_TAG, 7),
+        item(Command.CONDITION_DISTANCE, 80),
+        item(Command.FENCE_ENABLE, 0),
+        item(Command.CONDITION_DELAY, 30),
+        item(Command.WAYPOINT, **PLACE_X_Y),
+        item(Command.JUMP_TO_TAG, 7, 2),
+    ]
     tag, distance, fence, pause, _, to_tag = convert_mission(Plan.of(PlanKind.MISSION, items))
     assert tag == MissionStep(Command.JUMP_TAG)
     assert distance == MissionStep(Command.CONDITION_DISTANCE, PLACE, distance_m=80.0)
@@ -127,7 +138,7 @@ def test_tags_and_distances_are_resolved_to_items_and_places():
 @pytest.mark.parametrize(("tag", "target"), [(0, 0), (-3, 0), (65535, 1), (70_000, 1), (9, -1)])
 def test_tag_without_an_item_is_no_target(tag, target):
     """A jump without a target is skipped; such a plan is refused."""
-    items = [item(600, 0), item(600, 65535), item(601, tag)]
+    items = [item(Command.JUMP_TAG, 0), item(Command.JUMP_TAG, 65535), item(Command.JUMP_TO_TAG, tag)]
     assert convert_mission(Plan.of(PlanKind.MISSION, items))[2].target == target
 
 

@@ -9,6 +9,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home
 from firmware_py.guidance.return_point import choose_return_place, return_task
 from firmware_py.guidance.tasks import VesselMotion
+from firmware_py.plans.items import Command
 
 HERE = Place(0.6, 2.0)
 HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)
@@ -17,7 +18,9 @@ HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)
 def rally(*offsets_m):
     places = [HERE.at_offset(*offset) for offset in offsets_m]
     degrees = [(math.degrees(place.latitude_rad), math.degrees(place.longitude_rad)) for place in places]
-    return Plan.of(PlanKind.RALLY, [PlanItem(5100, x=round(x * 1e7), y=round(y * 1e7)) for x, y in degrees])
+    return Plan.of(
+        PlanKind.RALLY, [PlanItem(Command.RALLY_POINT, x=round(x * 1e7), y=round(y * 1e7)) for x, y in degrees]
+    )
 
 
 def motion_at(north_m, east_m, current_east_m_s=0.0):

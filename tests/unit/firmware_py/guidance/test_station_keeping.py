@@ -168,10 +168,12 @@ angles = st.floats(-math.pi, math.pi)
     st.none() | angles,
     st.floats(10.0, 1e4),
 )
-def test_angle_is_finite_for_any_input(here, centre, heading_rad, speed, north, east, leg_rad, radius_m):
+def test_angle_is_finite_for_any_input(
+    here, centre, heading_rad, speed_m_s, current_north_m_s, current_east_m_s, leg_rad, radius_m
+):
     from tests.unit.firmware_py.guidance.conftest import SETTINGS  # noqa: PLC0415
 
-    motion = VesselMotion(here, heading_rad, speed, north, east)
+    motion = VesselMotion(here, heading_rad, speed_m_s, current_north_m_s, current_east_m_s)
     distance_m, _ = here.distance_and_bearing(centre)
     _, target = station_keeping.update(
         SETTINGS, StationKeepingState(leg_rad), HoldStation(centre, radius_m), motion, distance_m

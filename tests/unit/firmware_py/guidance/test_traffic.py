@@ -15,7 +15,7 @@ from firmware_py.guidance.traffic import OwnMotion, TrafficSettings, TrafficStat
 from support.plans import placed
 
 MAX_VESSELS = 100
-SETTINGS = TrafficSettings.of(ParameterSet())  # 500 m, 1500 s; still: 100 m, 0.5 m/s
+SETTINGS = TrafficSettings.of(ParameterSet())  # near: 500 m within 1500 s; at rest (below 0.5 m/s): 100 m
 HERE = OwnMotion(Place(*placed(0.0, 0.0)), (0.0, 0.0))
 
 
@@ -323,15 +323,21 @@ def test_escort_alongside_is_near_but_not_avoided():
     assert len(log) == 1
 
 
-BEACON = 972603802
+BEACON = 972603802  # MMSI of a man overboard device
+SART_ACTIVE = 14  # navigational status of ITU-R M.1371
 
 
-def beacon(t_s, mmsi=BEACON, north_m=400.0, status=14):
+def beacon(t_s, mmsi=BEACON, north_m=400.0, status=SART_ACTIVE):
     return VesselPosition(t_s, mmsi, VesselKind.CLASS_A, *placed(north_m, 0.0), 0.2, 1.5, status=status)
 
 
 @pytest.mark.parametrize(
-    ("mmsi", "status"), [(970123456, 15), (972603802, 14), (974001001, 0), (211000001, 14), (970123456, 14)]
+    ("mmsi", "status"),
+    [
+        *((970123456, 15), (970123456, SART_ACTIVE)),  # AIS-SART; 15: undefined, as in a test
+        *((BEACON, SART_ACTIVE), (974001001, 0)),  # man overboard device, EPIRB
+        (211000001, SART_ACTIVE),  # a vessel
+    ],
 )
 @pytest.mark.parametrize("distance_m", [20.0, 400.0, 3000.0, 30000.0])
 def test_distress_beacon_is_reported_at_once_and_not_avoided(mmsi, status, distance_m):
