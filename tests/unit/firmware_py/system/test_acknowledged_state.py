@@ -32,6 +32,7 @@ from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.link.satellite import record as satellite
 from firmware_py.link.satellite.messages import Window
+from firmware_py.plans.items import Command
 from firmware_py.system import endings
 from firmware_py.system.endings import ENDINGS_FILE
 from firmware_py.system.slots import SlotWriter, read_content
@@ -50,11 +51,15 @@ from support.faulty_disk import CUTS, KINDS, FaultyDisk, sample_calls
 
 UTC_S = 1.8e9
 UNCERTAIN = "the next start may find it nevertheless"
-LONG_ITEMS = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than the initial size of a slot
+LONG_ITEMS = tuple(
+    PlanItem(Command.WAYPOINT, 3, x=index, y=index) for index in range(60)
+)  # more than the initial size of a slot
 
 
 def plan(number):
-    return Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number), *(LONG_ITEMS if number % 2 else ())))
+    return Plan.of(
+        PlanKind.MISSION, (PlanItem(Command.WAYPOINT, 6, x=number, y=number), *(LONG_ITEMS if number % 2 else ()))
+    )
 
 
 @dataclass

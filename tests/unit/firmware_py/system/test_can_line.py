@@ -16,6 +16,8 @@ from firmware_py.system.can_line import CanAdapterLine, CanLine, can_line
 from firmware_py.system.serial_port import PortError
 from hil.devices import nmea2000_frames as n2k
 
+HEADING_PGN, GNSS_POSITION_PGN = 127250, 129029
+# Priority 2, HEADING_PGN, source 0x23.
 HEADING = can.Message(arbitration_id=0x09F11223, data=bytes(range(8)), is_extended_id=True)
 
 
@@ -55,11 +57,11 @@ def sockets(monkeypatch):
         sockets.far.close()
 
 
-def test_frames_of_the_kernel(sockets):
+def test_complete_frames_of_the_kernel_are_read(sockets):
     line = can_line("can:can0")
     assert (line.connected, line.read(), line.fileno()) == (False, b"", -1)
     line.open()
-    assert sockets.arguments == (29, 3 | 0o4000, 1)
+    assert sockets.arguments == (Sockets.AF_CAN, Sockets.SOCK_RAW | Sockets.SOCK_NONBLOCK, Sockets.CAN_RAW)
     assert (line.connected, line.openings, line.read()) == (True, 1, b"")
     assert line.fileno() >= 0
     frame = build_can_frame(HEADING)
@@ -108,20 +110,20 @@ def test_interface_that_fails_is_opened_again(sockets):
      ("can:can0", OSError(97, "Address family not supported by protocol"),
       "port can:can0: address family not supported by protocol; load the kernel modules can and can_raw")],
 )  # fmt: skip
-def test_interface_that_cannot_be_opened(sockets, name, error, text):
+def test_interface_that_cannot_be_opened_is_an_error_with_the_remedy(sockets, name, error, text):
     sockets.error = error
     with pytest.raises(PortError) as raised:
         CanLine(name).open()
     assert str(raised.value) == text
 
 
-def test_line_of_a_port_of_the_vehicle_file():
+def test_port_name_selects_an_interface_of_the_kernel_or_an_adapter():
     assert isinstance(create_line("can:can0", 38400), CanLine)
     line = create_line("can:virtual:bus", 38400)
     assert (type(line), line.name) == (CanAdapterLine, "can:virtual:bus")
 
 
-def test_frames_of_an_adapter():
+def test_classic_frames_of_an_adapter_have_the_format_of_the_kernel():
     line = CanAdapterLine("can:virtual:rambler")
     line.open()
     with can.Bus(interface="virtual", channel="rambler") as far:
@@ -134,23 +136,23 @@ def test_frames_of_an_adapter():
             far.send(message)
         frames = line.read()
     assert without_padding(frames[:16]) == without_padding(build_can_frame(HEADING))
-    assert int.from_bytes(frames[16:20], "little") == 0x09F11223 | 0xC0000000
+    assert int.from_bytes(frames[16:20], "little") == 0x09F11223 | socket.CAN_EFF_FLAG | socket.CAN_RTR_FLAG
     assert without_padding(frames[32:48]) == without_padding(build_can_frame(short))
-    assert int.from_bytes(frames[48:52], "little") == 0x20000004
+    assert int.from_bytes(frames[48:52], "little") == 4 | socket.CAN_ERR_FLAG
     assert (line.connected, line.openings, line.fileno(), line.write(b"x"), line.read()) == (True, 1, -1, False, b"")
     line.close()
     assert (line.connected, line.read()) == (False, b"")
 
 
-def test_compass_and_position_of_an_adapter():
+def test_compass_and_position_share_an_adapter_without_transmitting():
     line = create_line("can:virtual:bus", 38400)
     line.open()
     views = share_line(line, 2)
     devices = [SECTIONS[section]["nmea2000"] for section in ("compass", "position")]
     compass, position = (driver.make(view, driver.options()) for driver, view in zip(devices, views, strict=True))
     with can.Bus(interface="virtual", channel="bus") as far:
-        frames = [(127250, frame) for frame in (n2k.heading(1.0, n2k.TRUE),)]
-        frames += [(129029, frame) for frame in n2k.frames(n2k.gnss_position(50.0, -3.0, 1.6e9), 2)]
+        frames = [(HEADING_PGN, frame) for frame in (n2k.heading(1.0, n2k.TRUE),)]
+        frames += [(GNSS_POSITION_PGN, frame) for frame in n2k.frames(n2k.gnss_position(50.0, -3.0, 1.6e9), 2)]
         for pgn, frame in frames:
             far.send(can.Message(arbitration_id=n2k.identifier(pgn, 0x23), data=frame, is_extended_id=True))
         compass.receive(1.0)
@@ -174,7 +176,7 @@ def test_adapter_that_fails_is_opened_again():
     line.close()
 
 
-def test_descriptor_of_an_adapter():
+def test_adapter_without_a_descriptor_has_minus_one():
     line, closed, waits_s = CanAdapterLine("can:slcan:/dev/ttyACM0"), [], []
     assert line.fileno() == -1
     line._bus = SimpleNamespace(recv=lambda wait_s: waits_s.append(wait_s) or HEADING)
@@ -186,7 +188,7 @@ def test_descriptor_of_an_adapter():
     assert (line.fileno(), closed) == (-1, [True])
 
 
-def test_adapter_that_cannot_be_opened():
+def test_adapter_that_cannot_be_opened_is_an_error_with_the_remedy():
     line = CanAdapterLine("can:nonsense:0")
     with pytest.raises(PortError, match=r"port can:nonsense:0: .*; plug the adapter in, or write can:INTERFACE"):
         line.open()

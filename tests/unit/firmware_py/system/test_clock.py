@@ -1,3 +1,5 @@
+"""Clocks of the computer and of the HIL, and the deadlines of the ticks."""
+
 import json
 import os
 import random
@@ -129,7 +131,9 @@ def test_the_calendar_clock_is_set_if_that_is_permitted(monkeypatch):
     monkeypatch.setattr(clock_module.time, "clock_settime", lambda *values: calls.append(values))
     assert set_utc_s(1.8e9)
     assert calls == [(clock_module.time.CLOCK_REALTIME, 1.8e9)]
-    monkeypatch.setattr(clock_module.time, "clock_settime", lambda *_values: os.kill(2**22 + 1, 0))
+    monkeypatch.setattr(
+        clock_module.time, "clock_settime", lambda *_values: os.kill(2**22 + 1, 0)
+    )  # OSError: no process
     assert not set_utc_s(1.8e9)
 
 

@@ -14,6 +14,7 @@ from firmware_py.system.watchdogs import HardwareWatchdog, WatchdogError, Watchd
 
 INTERVAL_S = 2.0
 TIMEOUT_S = 15
+WDIOC_SETTIMEOUT = 0xC0045706  # linux/watchdog.h
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def test_the_timeout_is_set_and_a_deviation_is_noted(device, monkeypatch, grante
     watchdog = HardwareWatchdog(device[0])
     assert note in watchdog.note
     assert bool(note) == bool(watchdog.note)
-    assert requests == [(0xC0045706, TIMEOUT_S)]
+    assert requests == [(WDIOC_SETTIMEOUT, TIMEOUT_S)]
     watchdog.disarm()
 
 
@@ -89,9 +90,9 @@ def test_a_watchdog_that_cannot_be_opened_names_the_reason(device, monkeypatch, 
     ],
 )
 def test_available_watchdogs_are_reset_until_the_end(has_manager, has_hardware, restart, calls):
-    found, resets = [], []
+    statuses, resets = [], []
     manager = SimpleNamespace(
-        is_present=has_manager, notify_alive=found.append, notify_stopping=lambda: resets.append("stopping")
+        is_present=has_manager, notify_alive=statuses.append, notify_stopping=lambda: resets.append("stopping")
     )
     hardware = SimpleNamespace(
         notify_alive=lambda now_s: resets.append(f"reset {now_s}"), disarm=lambda: resets.append("disarm")
@@ -101,7 +102,7 @@ def test_available_watchdogs_are_reset_until_the_end(has_manager, has_hardware, 
     for now_s, status in ((1.0, "a"), (2.0, ""), (3.0, "b")):
         both.notify_alive(now_s, status)
     both.stop(restart=restart)
-    assert found + resets == calls
+    assert statuses + resets == calls
 
 
 @pytest.mark.parametrize(

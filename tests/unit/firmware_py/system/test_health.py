@@ -1,3 +1,5 @@
+"""Health of clock, devices, storage, link and key: changes are reported once."""
+
 from types import SimpleNamespace
 
 import pytest

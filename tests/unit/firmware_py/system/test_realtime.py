@@ -48,7 +48,7 @@ print(json.dumps([added_bytes, is_unchanged]))
 """
 # The C library keeps the freed blocks, because the last block is in use.
 RELEASE_MEMORY = """
-ctypes.CDLL(None).mallopt(-3, 1 << 20)  # no block is a mapping of its own
+ctypes.CDLL(None).mallopt(-3, 1 << 20)  # M_MMAP_THRESHOLD: no block is a mapping of its own
 blocks = [bytes(60000) for _ in range(300)]
 last = blocks.pop()
 blocks.clear()

@@ -1,3 +1,5 @@
+"""Serial ports on pseudo-terminals: reading, writing, reopening, and other programs."""
+
 import errno
 import fcntl
 import os

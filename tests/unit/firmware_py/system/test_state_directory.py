@@ -5,6 +5,7 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, to_text
 from firmware_py.common.records import Stored
+from firmware_py.plans.items import Command
 from firmware_py.system.slots import SlotWriter
 from firmware_py.system.state_directory import (
     StateDirectory,
@@ -39,7 +40,8 @@ class FakeStore:
 
 
 def plan(kind, count=1):
-    command = {PlanKind.MISSION: 16, PlanKind.FENCE: 5004, PlanKind.RALLY: 5100}[kind]
+    commands = (Command.WAYPOINT, Command.EXCLUDED_CIRCLE, Command.RALLY_POINT)
+    command = dict(zip(PlanKind, commands, strict=True))[kind]
     return Plan.of(kind, [PlanItem(command, 3, True, (9.0, 0.0, 0.0, 0.0), number + 1, 1) for number in range(count)])
 
 
@@ -113,7 +115,7 @@ def test_directory_that_is_mounted_late_keeps_its_content_except_for_values_set_
 
 
 def test_stored_plan_that_is_not_valid_is_reported_and_left_out():
-    invalid = {kind: Plan.of(kind, [PlanItem(16, 1)]) for kind in PlanKind}
+    invalid = {kind: Plan.of(kind, [PlanItem(Command.WAYPOINT, 1)]) for kind in PlanKind}
     texts, contents = [], {}
     for kind, name in zip(PlanKind, ("mission_plan", "fence_plan", "rally_plan"), strict=True):
         contents[name] = to_text(invalid[kind]).encode()

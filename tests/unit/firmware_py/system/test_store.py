@@ -1,3 +1,5 @@
+"""Store of the state: versions, failures, callbacks, late directories and locks."""
+
 import errno
 import fcntl
 import os
