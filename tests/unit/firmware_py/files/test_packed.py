@@ -1,3 +1,5 @@
+"""Compressed logs: format, random access, damaged and incomplete files."""
+
 import gzip
 import os
 from pathlib import Path
@@ -48,7 +50,7 @@ def test_members_have_the_headers_of_rfc_1952():
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_gzip_and_packed_file_read_it(tmp_path, size):
+def test_compressed_log_is_read_by_gzip_and_by_packed_file(tmp_path, size):
     content = make_content(size)
     data = pack(content)
     assert gzip.decompress(data) == content

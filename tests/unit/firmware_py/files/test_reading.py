@@ -54,7 +54,7 @@ def test_nul_in_name_is_an_oserror(tmp_path):
         read_regular(tmp_path / "a\0b", 10)
 
 
-def test_links_are_followed_only_on_request(tmp_path):
+def test_symbolic_links_are_refused_on_request(tmp_path):
     (tmp_path / "file").write_bytes(b"content")
     (tmp_path / "link").symlink_to("file")
     assert read_regular(tmp_path / "link", 7) == b"content"
