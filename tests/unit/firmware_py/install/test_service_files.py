@@ -37,13 +37,13 @@ TIMEOUT_S = 15
 ANALYZE = shutil.which("systemd-analyze")
 MAX_EXPOSURE = 3.0
 SERVICE = Service((sys.executable, "-m", "firmware_py"), Path("/etc/rambler/boat.toml"))
-OPEN_PAGE = Page("0.0.0.0:8046", Path("/etc/rambler/view%.token"))
+REMOTE_PAGE = Page("0.0.0.0:8046", Path("/etc/rambler/view%.token"))
 
 
 @pytest.fixture(params=["rambler", "rambler-view"])
 def unit_file(tmp_path, request):
     path = tmp_path / f"{request.param}.service"
-    path.write_text(build_unit(SERVICE) if request.param == "rambler" else build_page_unit(SERVICE, OPEN_PAGE))
+    path.write_text(build_unit(SERVICE) if request.param == "rambler" else build_page_unit(SERVICE, REMOTE_PAGE))
     return path
 
 
@@ -244,7 +244,7 @@ def test_live_page_has_its_own_service(image, capsys):
 
 
 def test_page_token_is_passed_by_systemd():
-    text = build_page_unit(SERVICE, OPEN_PAGE)
+    text = build_page_unit(SERVICE, REMOTE_PAGE)
     assert "LoadCredential=token:/etc/rambler/view%%.token\n" in text
     assert text.count("@COMMAND@") == text.count("@CREDENTIAL@") == 0
 

@@ -251,9 +251,9 @@ def test_only_environments_of_updates_are_removed(tree, run_update):
 
 def test_closed_terminal_does_not_interrupt_an_update(tree, monkeypatch):
     """The running program is ended although output fails after the switch."""
-    text = []
+    signals = []
     monkeypatch.setattr(update, "_is_autopilot", lambda *_: True)
-    monkeypatch.setattr(os, "kill", lambda pid, number: text.append(number))
+    monkeypatch.setattr(os, "kill", lambda pid, number: signals.append(number))
     write_status(tree, armed=False)
 
     def fail_after_switch(*_words, **_more):
@@ -263,7 +263,7 @@ def test_closed_terminal_does_not_interrupt_an_update(tree, monkeypatch):
     monkeypatch.setattr("builtins.print", fail_after_switch)
     arguments = ["update", str(tree / "new.bundle"), "--unit", str(tree / "rambler.service")]
     assert main(arguments) == 0
-    assert signal.SIGTERM in text
+    assert signal.SIGTERM in signals
 
 
 def test_failed_check_leaves_no_files(tree, run_update, monkeypatch):
