@@ -71,7 +71,7 @@ def test_parameters_set_during_the_log_are_in_force(calibrate):
     assert json.loads(text)["in_force_deg"]["CMP_DEV_C"] == -3.0
 
 
-def test_log_without_motion_and_unreadable_log(capsys, tmp_path):
+def test_log_without_motion_gives_no_proposal_and_a_missing_log_is_an_error(capsys, tmp_path):
     assert main(["calibrate", "compass", str(REPLAY / "tank_pni_volz.BIN")]) == 1
     assert "sectors" in capsys.readouterr().out
     assert main(["calibrate", "compass", str(tmp_path / "none.BIN")]) == 2

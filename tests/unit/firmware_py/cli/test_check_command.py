@@ -38,6 +38,7 @@ from firmware_py.common.records import (
     WindReference,
     WindSample,
 )
+from firmware_py.plans.items import Command
 from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.system.store import Store
 
@@ -145,7 +146,7 @@ def test_rate_needs_half_a_second_of_samples(last_s, rate_hz):
     assert device.rate_hz() == rate_hz
 
 
-def test_new_boat_without_links_and_with_silent_devices(check):
+def test_new_boat_has_a_warning_about_links_and_fails_for_silent_devices(check):
     findings = check()
     assert levels(findings["parameters"]) == levels(findings["state"]) == ["pass"]
     assert (levels(findings["storage"])[0], findings["storage"][0]["free_mb"] > 0) == ("pass", True)
@@ -166,7 +167,7 @@ def test_each_finding_is_one_line(tmp_path, state, capsys):
 
 
 def test_stored_state_is_counted_and_damage_is_a_warning(check, state):
-    mission = to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),)))
+    mission = to_text(Plan.of(PlanKind.MISSION, (PlanItem(Command.WAYPOINT, 3, x=1, y=2),)))
     save(state, parameters_param="CTL_K1 33\n", mission_plan=mission)
     findings = check()
     assert (findings["parameters"][0]["stored"], findings["state"][0]["mission"]) == (1, 1)
@@ -344,7 +345,7 @@ def test_device_finding_depends_on_health_and_samples(sample, state, accepted, r
         ("ais", None, 0, "", Level.WARN, "no vessel received"),
     ],
 )
-def test_finding_of_wind_sensor_and_echo_sounder(role, sample, accepted, text, level, word):
+def test_wind_sensor_echo_sounder_and_ais_without_samples_may_be_a_warning(role, sample, accepted, text, level, word):
     health = DeviceHealth(3.0, DeviceRole.DEPTH, DeviceState.RUNNING, accepted, 0, text)
     samples = {"sample_count": 0 if sample is None else 30, "first_sample_s": 0.0, "last_sample": sample}
     finding = check_device(BenchDevice(role, "nmea", "/dev/x", health=health, **samples))

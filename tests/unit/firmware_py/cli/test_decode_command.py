@@ -5,7 +5,7 @@ import json
 from firmware_py.__main__ import main
 
 
-def test_decode_prints_json_lines(capsys, tmp_path):
+def test_messages_and_errors_are_printed_and_unusable_files_refused(capsys, tmp_path):
     file = tmp_path / "capture.nmea"
     file.write_text("$HEHDT,341.8,T*21\r\n$HEHDT,341.8,T*22\r\n")
     assert main(["decode", "nmea", str(file), "--json"]) == 0

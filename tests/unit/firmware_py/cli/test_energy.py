@@ -95,7 +95,7 @@ def test_incomplete_row_is_ignored(energy, cut_bytes):
     assert day["logged_h"] in (pytest.approx(59 / 60, abs=1e-4), pytest.approx(58 / 60, abs=1e-4))
 
 
-def test_missing_records_and_bad_arguments(energy, tmp_path, capsys):
+def test_log_without_records_is_a_finding_and_bad_arguments_are_errors(energy, tmp_path, capsys):
     assert energy(b"") == (1, "no energy records yet; run for at least a minute\n")
     assert main(["energy", str(tmp_path / "nothing.BIN")]) == 2
     assert "give a thin log" in capsys.readouterr().err

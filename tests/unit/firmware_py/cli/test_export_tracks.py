@@ -14,6 +14,10 @@ from firmware_py.common.records import FixType, Inputs, PositionSample, Tick
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.ardupilot_plans import encode_plan
 from firmware_py.log.dataflash import MessageType, header
+from firmware_py.plans.items import Command
+
+# AC_PolyFenceType of ArduPilot.
+INCLUSION_CIRCLE, EXCLUSION_CIRCLE, RETURN_POINT, EXCLUSION_POLYGON, INCLUSION_POLYGON = 92, 93, 95, 97, 98
 
 
 def points(*longitudes_deg):
@@ -24,7 +28,7 @@ def points(*longitudes_deg):
 
 
 def waypoint(number, latitude_deg, longitude_deg):
-    return {"CNum": number, "CId": 16, "Lat": latitude_deg, "Lng": longitude_deg}
+    return {"CNum": number, "CId": Command.WAYPOINT, "Lat": latitude_deg, "Lng": longitude_deg}
 
 
 def corner(kind, latitude_deg, longitude_deg, *, count=4, radius_m=0.0):
@@ -52,9 +56,15 @@ def test_fixes_and_the_last_plans_of_a_log_are_read():
         Inputs(Tick(0, 0.0, 0.0, 0, 1.0), positions=fixes)
     )
     for positions in ([(1, 1)], [(3, 4), (0, 0), (0, 5), (6, 0)]):
-        data += encode_plan(9.0, Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=x, y=y) for x, y in positions]), 3)
+        data += encode_plan(
+            9.0, Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=x, y=y) for x, y in positions]), 3
+        )
     for radius_m in (10.0, 50.0):
-        data += encode_plan(9.0, Plan.of(PlanKind.FENCE, [PlanItem(5004, 0, params=(radius_m, 0, 0, 0), x=7, y=8)]), 3)
+        data += encode_plan(
+            9.0,
+            Plan.of(PlanKind.FENCE, [PlanItem(Command.EXCLUDED_CIRCLE, 0, params=(radius_m, 0, 0, 0), x=7, y=8)]),
+            3,
+        )
     tracks = read_tracks(data)
     rows = [(point.t_s, point.latitude_deg, point.longitude_deg, point.altitude_m) for point in tracks.points]
     first = (0.0, pytest.approx(40.0), -10.0, 0.0)
@@ -73,7 +83,10 @@ def test_fix_of_a_version_without_altitude_is_at_sea_level():
 
 TRACKS = Tracks(
     [Point(10.0, 1.0, 2.0, 3.25), Point(12.5, -1.0, -2.0, 0.0)],
-    mission=[{"CNum": 1, "CId": 16, "Lat": 1.5, "Lng": 2.5}, {"CNum": 2, "CId": 999, "Lat": -1.5, "Lng": -2.5}],
+    mission=[
+        {"CNum": 1, "CId": Command.WAYPOINT, "Lat": 1.5, "Lng": 2.5},
+        {"CNum": 2, "CId": 999, "Lat": -1.5, "Lng": -2.5},
+    ],
 )
 
 
@@ -114,8 +127,11 @@ def test_kml_has_track_mission_and_fence(offset_s, name):
         return f"<Placemark><name>Fence, {kind}</name><Polygon>{ring}</Polygon></Placemark>"
 
     places = [(0, 0), (0, 1), (1, 0), (2, 2), (2, 3), (3, 2)]  # two triangles in succession
-    TRACKS.offset_s, TRACKS.fence = offset_s, [corner(97, *place, count=3) for place in places]
-    TRACKS.fence += [corner(95, 5.0, 5.0), corner(98, 0, 0, count=2)]  # a return point and an incomplete polygon
+    TRACKS.offset_s, TRACKS.fence = offset_s, [corner(EXCLUSION_POLYGON, *place, count=3) for place in places]
+    TRACKS.fence += [
+        corner(RETURN_POINT, 5.0, 5.0),
+        corner(INCLUSION_POLYGON, 0, 0, count=2),
+    ]  # a return point and an incomplete polygon
     assert xml_text(make_kml(TRACKS)) == (
         "<kml><Document><name>Rambler</name>"
         + line(name, "2.0000000,1.0000000,0 -2.0000000,-1.0000000,0")
@@ -186,7 +202,7 @@ SQUARE = [(-16.79, 179.99), (-16.79, -179.97), (-16.81, -179.97), (-16.81, 179.9
 def test_fence_that_crosses_the_180th_meridian_is_split_into_lines(first_corner, shift_deg, is_split):
     corners = SQUARE[first_corner:] + SQUARE[:first_corner]
     positions = [(north, (shift_deg + east + 180.0) % 360.0 - 180.0) for north, east in corners]
-    tracks = Tracks(points(0.0), fence=[corner(98, *position) for position in positions])
+    tracks = Tracks(points(0.0), fence=[corner(INCLUSION_POLYGON, *position) for position in positions])
     rings, (_, *outlines) = list(kml_lines(tracks, "LinearRing")), kml_lines(tracks, "LineString")
     assert (len(rings), len(outlines)) == ((0, 3) if is_split else (1, 0))
     for line in (*rings, *outlines):
@@ -194,7 +210,7 @@ def test_fence_that_crosses_the_180th_meridian_is_split_into_lines(first_corner,
     assert [line[0] for line in rings] == [line[-1] for line in rings]
 
 
-@pytest.mark.parametrize("kind", [92, 93])
+@pytest.mark.parametrize("kind", [INCLUSION_CIRCLE, EXCLUSION_CIRCLE])
 def test_circle_that_crosses_the_180th_meridian_is_split_into_lines(kind):
     tracks = Tracks(points(0.0), fence=[corner(kind, 0.0, 180.0, radius_m=500.0)])
     assert list(kml_lines(tracks, "LinearRing")) == []

@@ -17,6 +17,7 @@ from firmware_py.cli import state as state_command
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.link.signing import KeyRecord, find_key
 from firmware_py.link.signing import to_text as key_to_text
+from firmware_py.plans.items import Command
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes
 from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.slots import SLOTS, slot_path
@@ -43,7 +44,7 @@ MAY_TAKE_EFFECT, TAKES_EFFECT = "may find it nevertheless", "takes effect at the
 
 
 def mission(number):
-    return to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number),))).encode()
+    return to_text(Plan.of(PlanKind.MISSION, (PlanItem(Command.WAYPOINT, 6, x=number, y=number),))).encode()
 
 
 NO_FENCE = to_text(Plan.of(PlanKind.FENCE, ())).encode()

@@ -56,7 +56,7 @@ def test_lines_have_counts_and_the_last_three_endings(state, status):
     ]
 
 
-def test_damaged_and_missing_endings(state, tmp_path, status):
+def test_damaged_endings_are_an_error_and_missing_ones_are_empty(state, tmp_path, status):
     (tmp_path / "new").mkdir()
     assert json.loads(status(tmp_path / "new", "--json"))["endings"] == {}
     path = slot_path(state, ENDINGS_FILE, 0)

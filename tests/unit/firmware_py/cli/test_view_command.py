@@ -10,6 +10,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.cli import view as command
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
+from firmware_py.plans.items import Command
 from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.system.store import Store
@@ -128,8 +129,10 @@ def test_the_only_autopilot_that_runs_is_shown(monkeypatch, statuses, directory,
 
 def test_readable_plans_of_the_state_directory_are_shown(tmp_path):
     store = Store(tmp_path)
-    store.save(PLAN_FILES[PlanKind.MISSION], to_text(Plan.of(PlanKind.MISSION, [PlanItem(16, x=10**7)])).encode())
+    store.save(
+        PLAN_FILES[PlanKind.MISSION], to_text(Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, x=10**7)])).encode()
+    )
     store.save(PLAN_FILES[PlanKind.FENCE], b"damaged")
     store.close()
-    assert command._read_plans(tmp_path) == {"mission": [[16, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]}
+    assert command._read_plans(tmp_path) == {"mission": [[Command.WAYPOINT, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]}
     assert command._read_plans(None) == {}
