@@ -9,6 +9,7 @@ import re
 import pytest
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.plans.items import Command
 from firmware_py.view.document import LIVE, PLOTS, asset, data_block, document
 from firmware_py.view.model import PANELS, plan_rows, voyage
 
@@ -76,8 +77,10 @@ def test_non_finite_values_are_null():
 
 
 def test_plan_rows_are_in_degrees():
-    item = PlanItem(17, params=(0.0, math.nan, 40.0, 0.0), x=361234567, y=-1210000000)
-    assert plan_rows(Plan.of(PlanKind.MISSION, [item])) == [[17, 0.0, None, 40.0, 0.0, 36.1234567, -121.0]]
+    item = PlanItem(Command.LOITER_UNLIMITED, params=(0.0, math.nan, 40.0, 0.0), x=361234567, y=-1210000000)
+    assert plan_rows(Plan.of(PlanKind.MISSION, [item])) == [
+        [Command.LOITER_UNLIMITED, 0.0, None, 40.0, 0.0, 36.1234567, -121.0]
+    ]
 
 
 def test_axes_have_a_smallest_span_and_include_zero_except_for_levels():

@@ -11,10 +11,11 @@ import pytest
 
 from firmware_py.view import server as server_module
 from firmware_py.view.guard import Guard, ViewError
-from firmware_py.view.history import History
+from firmware_py.view.history import COLUMNS, History
 from firmware_py.view.server import Hub, ViewServer
 
 TIMEOUT_S = 20.0
+HEADING_INDEX = COLUMNS.index("heading_deg")
 
 
 class Site:
@@ -84,10 +85,10 @@ def site(monkeypatch):
 @pytest.mark.parametrize("write", [str, str.lower, str.upper])
 def test_header_names_are_case_insensitive(site, write):
     def status(*headers):
-        with socket.create_connection(("127.0.0.1", site.port), TIMEOUT_S) as asking:
+        with socket.create_connection(("127.0.0.1", site.port), TIMEOUT_S) as client:
             lines = [f"{write(name)}: {value}" for name, value in headers]
-            asking.sendall("\r\n".join(["GET / HTTP/1.1", *lines, "", ""]).encode())
-            return int(asking.makefile("rb").readline().split()[1])
+            client.sendall("\r\n".join(["GET / HTTP/1.1", *lines, "", ""]).encode())
+            return int(client.makefile("rb").readline().split()[1])
 
     host = ("Host", f"127.0.0.1:{site.port}")
     assert status(host) == 200
@@ -215,7 +216,9 @@ def test_stuck_readers_delay_no_other_reader(site):
     while newest < 299.0:
         kind, content = reader.next()
         rows = content["rows"]
-        newest = rows[-1][content["names"].index("heading_deg")] if kind == "whole" else content["values"][5]
+        newest = (
+            rows[-1][content["names"].index("heading_deg")] if kind == "whole" else content["values"][HEADING_INDEX]
+        )
     for connection in slow_readers:
         connection.close()
 
@@ -258,7 +261,7 @@ def test_incomplete_request_is_closed_after_ten_seconds(site, monkeypatch):
     assert reader.next()[0] == "new"  # its request was complete
 
 
-NO_REQUESTS = (
+INVALID_REQUESTS = (
     b"\0" * 100,
     b"GET\r\n\r\n",
     b"GET / HTTP/9.9\r\n\r\n",
@@ -267,7 +270,7 @@ NO_REQUESTS = (
 )
 
 
-@pytest.mark.parametrize("data", NO_REQUESTS)
+@pytest.mark.parametrize("data", INVALID_REQUESTS)
 def test_invalid_request_is_refused(site, data):
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
         connection.settimeout(TIMEOUT_S)
