@@ -4,9 +4,8 @@ import struct
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.link.files.payload import Error, Opcode
 from support.link import of_type
-
-ACK, NAK = 128, 129
 
 
 class Reply:
@@ -18,16 +17,16 @@ class Reply:
         payload = bytes(message.payload)
         fields = struct.unpack("<HBBBBBBI", payload[:12])
         self.sequence, self.session, self.opcode, self.size, self.query, self.last, padding, self.offset = fields
-        assert (padding, self.last) in ((0, 0), (0, int(self.query == 15)))
+        assert (padding, self.last) in ((0, 0), (0, int(self.query == Opcode.BURST_READ)))
         self.data = payload[12 : 12 + self.size]
 
     @property
     def ok(self):
-        return self.opcode == ACK
+        return self.opcode == Opcode.ACK
 
     @property
     def error(self):
-        assert self.opcode == NAK
+        assert self.opcode == Opcode.NAK
         return tuple(self.data)
 
 
@@ -66,31 +65,31 @@ class FtpStation:
 
     def get(self, path):
         """Read a file with successive read requests; return its content."""
-        opened = self.ask(4, path)
+        opened = self.ask(Opcode.OPEN_READ, path)
         assert opened.ok, opened.error
         content = b""
-        while (reply := self.ask(5, offset=len(content), size=239)).ok:
+        while (reply := self.ask(Opcode.READ, offset=len(content), size=239)).ok:
             assert reply.data
             content += reply.data
-        assert reply.error == (6,)
-        assert self.ask(1).ok
+        assert reply.error == (Error.END_OF_FILE,)
+        assert self.ask(Opcode.TERMINATE).ok
         assert len(content) == int.from_bytes(opened.data, "little")
         return content
 
     def put(self, path, content):
         """Write a file; return the reply to the last request."""
-        created = self.ask(6, path)
+        created = self.ask(Opcode.CREATE, path)
         if not created.ok:
             return created
         for start in range(0, len(content), 239):
-            assert self.ask(7, content[start : start + 239], offset=start).ok
-        return self.ask(1)
+            assert self.ask(Opcode.WRITE, content[start : start + 239], offset=start).ok
+        return self.ask(Opcode.TERMINATE)
 
-    def list(self, path, opcode=3):
+    def list(self, path, opcode=Opcode.LIST):
         """Return the lines of a directory listing."""
         lines = []
         while (reply := self.ask(opcode, path, offset=len(lines))).ok:
             assert reply.data
             lines += reply.data.decode().rstrip("\0").split("\0")
-        assert reply.error == (6,), reply.error
+        assert reply.error == (Error.END_OF_FILE,), reply.error
         return lines

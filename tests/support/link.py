@@ -66,12 +66,12 @@ class FakeRequestHandler(DecideTogether):
         self.answer = Answer(Verdict.ACCEPTED)
         self.values = ParameterSet()
         self.compass_swing = CompassSwing()
-        self.at_once = True
         self.stored_plans = Plans()
-        self.plans_stored = True
+        self.at_once = True  # parameters and plans are stored at once, orders with `orders_at_once`
         self.orders_at_once = True
+        self.plans_stored = True  # whether storing succeeds
         self.orders_stored = True
-        self.waiting = []
+        self.waiting = []  # otherwise: calls with the success that finish the storing
 
     @property
     def intents(self):
@@ -137,7 +137,7 @@ class MemoryTransport:
         options=PLAIN,
     ):
         self.descriptor = descriptor
-        self.served = tuple(addresses)
+        self.served = tuple(addresses)  # permanent peers
         self.connected = ()  # peers that have connected to the boat
         self.dropped = []
         self.byte_rate = byte_rate
@@ -190,10 +190,10 @@ class MemoryVault:
 
     def __init__(self):
         self.contents = []
-        self.both = []  # whether both slots had to be written
+        self.both = []  # of each saved content: whether both slots had to be written
         self.damage = ""
-        self.at_once = True
-        self.waiting = []
+        self.at_once = True  # contents are stored at once
+        self.waiting = []  # otherwise: calls with the success that finish the storing
 
     def load(self):
         return Stored(self.contents[-1] if self.contents else None, self.damage)
@@ -210,7 +210,7 @@ class MemoryVault:
 
 
 class Rig:
-    """An endpoint, and a ground station that uses pymavlink."""
+    """An endpoint, and a ground station that uses pymavlink; `identity` is the MAV_AUTOPILOT type of the boat."""
 
     def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, start_events=(), **transport):
         self.vault = vault or MemoryVault()
@@ -252,7 +252,7 @@ class Rig:
         return self.give(b"".join(self.frame(message) for message in messages), address)
 
     def prove(self, address="station"):
-        """Send two heartbeats, the second after a reply, so that a link with peer slots accepts the address."""
+        """Send two heartbeats, the second after a reply: the address is proven and its peer becomes active."""
         beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
         return [*self.send(beat, address=address), *self.send(beat, address=address)]
 

@@ -2,6 +2,8 @@
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.plans.items import Command
+
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 
 
@@ -31,4 +33,4 @@ def exchange_as_other(station, message):
 
 
 def circle(station):
-    return station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))
+    return station.item(0, Command.INCLUDED_CIRCLE, kind=1, params=(5.0, 0, 0, 0))

@@ -41,7 +41,7 @@ STEP_S = 0.1
 SLEW_RAD_S = radians(30.0)
 COUNT_RAD = TWO_PI / 4096.0
 RESOLUTION_RAD, NOISE_RAD = radians(0.1), radians(0.3)  # of the compass
-FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
+FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03  # the position error has this time constant
 IDEAL_RECEIVER = Receiver(latency_s=0.0, lost=0.0, filter_s=0.0, noise_m_s=VELOCITY_NOISE_M_S)
 
 
@@ -103,7 +103,8 @@ class FineHull(Hull):
 
     def __init__(self, scenario, seed):
         super().__init__(scenario, OCEAN_RAMBLER, seed)
-        self.before_rad, self.grip = 0.0, 1.0
+        self.before_rad = 0.0  # rudder at the previous tick
+        self.grip = 1.0  # effect of the rudder; 0: the blade is lost
 
     def step(self, rudder_rad):
         for part in range(1, 6):
@@ -127,12 +128,12 @@ class Sailing:
         self.index = 0
         self.rudder_rad = self.target_rad = 0.0
         self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
-        self.fix_ticks = 10  # ticks
+        self.fix_ticks = 10  # ticks between two fixes
         self.receiver = scenario.disturbances.receiver or IDEAL_RECEIVER
         self.gaps = Gaps(self.receiver.lost, self.receiver.gap_s, generator(seed, Stream.GAPS))
         self.velocity_m_s = None
         self.delayed_fixes = [()] * round(self.receiver.latency_s / STEP_S)
-        self.jump_m = (0.0, 0.0)
+        self.jump_m = (0.0, 0.0)  # north and east, added to each fix
         self.events = []
         self.inputs = []
         self.keep_inputs = False

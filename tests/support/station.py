@@ -27,7 +27,7 @@ class Station:
         self._next_s = 0.0
         self.mav = link.mav
         self.receive("HEARTBEAT")
-        self.show_presence()  # a link with peer slots serves only stations that send heartbeats
+        self.show_presence()  # the boat sends telemetry only to peers that have replied to it
 
     def show_presence(self):
         """Send a heartbeat, as stations do each second."""

@@ -6,7 +6,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.access import Gate, Permission, make_reading_test
+from firmware_py.link.access import RADIO_STATUS, Gate, Permission, make_reading_test
+from firmware_py.link.files.payload import Error, Opcode
 from firmware_py.link.signing import Signing
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.urls import PLAIN, LinkClass, LinkOptions, parse_options
@@ -15,10 +16,11 @@ from support.link import KEY, NOW, MemoryVault, sign
 MAX_BURST_DENIALS = 20
 MAX_LATE_HEARTBEATS = 4
 
+HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
-ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
-DISARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 0, 0, 0, 0, 0, 0)
-HOME = mavlink.MAVLink_command_long_message(1, 1, 410, 0, 0, 0, 0, 0, 0, 0, 0)
+ARM = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
+DISARM = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
+GET_HOME = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_GET_HOME_POSITION, 0, 0, 0, 0, 0, 0, 0, 0)
 SET = mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 SETUP = mavlink.MAVLink_setup_signing_message(1, 1, KEY, NOW)
@@ -111,9 +113,9 @@ def test_frames_are_signed_after_a_key_is_set(linked):
     assert all(message.get_msgbuf()[2] == 0 for message in rig.tick(seconds=1.0))
     rig.send(SETUP)
     rig.tick_silently(seconds=1.0)
-    hearer = mavlink.MAVLink(None)
-    hearer.signing.secret_key, hearer.signing.timestamp = KEY, NOW
-    received = hearer.parse_buffer(b"".join(data for _, data in rig.transport.sent))
+    receiver = mavlink.MAVLink(None)
+    receiver.signing.secret_key, receiver.signing.timestamp = KEY, NOW
+    received = receiver.parse_buffer(b"".join(data for _, data in rig.transport.sent))
     assert len(received) > 5
     assert all(message.get_signed() for message in received)
 
@@ -173,7 +175,9 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     answers = [message.to_dict() for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR")]
     error = mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
     assert answers == [
-        mavlink.MAVLink_command_ack_message(400, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190).to_dict(),
+        mavlink.MAVLink_command_ack_message(
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190
+        ).to_dict(),
         {**mavlink.MAVLink_param_error_message(255, 190, b"CTL_K1", -1, error).to_dict(), "param_id": "CTL_K1"},
     ]
     assert texts(replies) == ["COMMAND_LONG refused: not signed", "PARAM_SET refused: not signed"]
@@ -183,14 +187,14 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     others = [
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 2),
         mavlink.MAVLink_mission_item_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 1),
-        mavlink.MAVLink_command_int_message(1, 1, 3, 192, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_command_int_message(1, 1, 3, mavlink.MAV_CMD_DO_REPOSITION, 0, 0, 0, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_set_mode_message(1, 1, 4),
         mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
         mavlink.MAVLink_mission_item_int_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
         mavlink.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
-        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, 6, *[0] * 247]),  # create
+        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, Opcode.CREATE, *[0] * 247]),
     ]
     replies = [message for other in others for message in rig.send(other)]
     assert rig.request_handler.intents == []
@@ -200,11 +204,11 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
         *(mavlink.mavlink_map[47](255, 190, denied, kind, 0) for kind in (2, 1)),
         *(
             mavlink.MAVLink_command_ack_message(number, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190)
-            for number in (192, 11)
+            for number in (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAVLINK_MSG_ID_SET_MODE)
         ),
         *(mavlink.mavlink_map[47](255, 190, denied, 0, 0) for _ in range(3)),
         mavlink.MAVLink_file_transfer_protocol_message(
-            0, 255, 190, [6, 0, 2, 129, 1, 6, 0, 0, 0, 0, 0, 0, 9, *[0] * 238]
+            0, 255, 190, [6, 0, 2, Opcode.NAK, 1, Opcode.CREATE, *[0] * 6, Error.FILE_PROTECTED, *[0] * 238]
         ),
     ]
     assert answers == [message.to_dict() for message in expected]
@@ -213,11 +217,11 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
 def test_request_for_data_is_not_a_command(linked, of):
     rig = linked("policy=signed-commands")
     rig.tick(home=None)
-    (ack,) = of(rig.send(HOME), "COMMAND_ACK")
+    (ack,) = of(rig.send(GET_HOME), "COMMAND_ACK")
     assert ack.result != mavlink.MAV_RESULT_DENIED
-    read = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 4, *[0] * 247])
+    read = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, Opcode.OPEN_READ, *[0] * 247])
     (answer,) = of(rig.send(read), "FILE_TRANSFER_PROTOCOL")
-    assert answer.payload[12] != 9
+    assert answer.payload[12] != Error.FILE_PROTECTED
     assert of(rig.send(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
 
 
@@ -237,19 +241,19 @@ def test_sixteen_frames_of_signed_messages_are_marked(later_frames, is_verified)
     """A message by satellite is signed as a whole, and its frames are admitted afterwards."""
     gate = Gate(Signing(lambda: 1.7e9, lambda *_, **__: None))
     options = LinkOptions(link_class=LinkClass.MESSAGES)
-    frames = [Frame(0, bytes((0xFD, 1, 0, 0, number, 255, 190, 0, 0, 0, 1, 0, 0))) for number in range(20)]
+    frames = [Frame(HEARTBEAT, bytes((0xFD, 1, 0, 0, number, 255, 190, 0, 0, 0, 1, 0, 0))) for number in range(20)]
     for frame in frames[: 1 + later_frames]:
         gate.mark_signed(frame.data)
     for verified in (is_verified, False):  # the second time it is a replay
         assert gate.admit(frames[:1], options, line=False) == [(frames[0], Permission.COMMANDER, verified)]
     gate.accepts_mavlink1 = False
     assert gate.refused_frames == gate.false_signatures == 0
-    assert gate.admit([Frame(0, b"\xfe" + bytes(10))] * 2, options, line=False) == []
+    assert gate.admit([Frame(HEARTBEAT, b"\xfe" + bytes(10))] * 2, options, line=False) == []
     assert (gate.refused_frames, gate.false_signatures) == (2, 0)
-    assert gate.admit([Frame(109, b"\xfe" + bytes(10)), Frame(109, b"\xfd" + bytes(10))], PLAIN, line=True) == [
-        (Frame(109, b"\xfd" + bytes(10)), Permission.READER, False)
-    ]
-    assert gate.admit([Frame(109, b"\xfd" + bytes(10))], PLAIN, line=False) == []
+    assert gate.admit(
+        [Frame(RADIO_STATUS, b"\xfe" + bytes(10)), Frame(RADIO_STATUS, b"\xfd" + bytes(10))], PLAIN, line=True
+    ) == [(Frame(RADIO_STATUS, b"\xfd" + bytes(10)), Permission.READER, False)]
+    assert gate.admit([Frame(RADIO_STATUS, b"\xfd" + bytes(10))], PLAIN, line=False) == []
     assert gate.refused_frames == 3
 
 
@@ -272,23 +276,35 @@ def test_exposed_open_link_is_reported_at_start(make_rig, texts):
 
 
 # The messages that only request data for their sender; all others, also those of later versions, are commands.
-READING = {0, 4, 20, 21, 37, 40, 43, 47, 51, 66, 109, 111, 117, 119, 122, 320, 321}
+READING = {
+    getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+    for name in (
+        *("HEARTBEAT", "PING", "TIMESYNC", "RADIO_STATUS", "REQUEST_DATA_STREAM"),
+        *("PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "PARAM_EXT_REQUEST_READ", "PARAM_EXT_REQUEST_LIST"),
+        *("MISSION_REQUEST_LIST", "MISSION_REQUEST_PARTIAL_LIST", "MISSION_REQUEST", "MISSION_REQUEST_INT"),
+        *("MISSION_ACK", "LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END"),
+    )
+}
+COMMAND_INT, COMMAND_LONG = mavlink.MAVLINK_MSG_ID_COMMAND_INT, mavlink.MAVLINK_MSG_ID_COMMAND_LONG
+FILE_TRANSFER = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 
 
 def test_reading_messages_and_file_operations_need_no_rights_to_command():
-    only_reads = make_reading_test(frozenset({512}))
-    message = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 0, 0, 0, 0, 0, 0, 0)
-    assert {
-        number for number in range(13_000) if number not in (75, 76, 110) and only_reads(number, message)
-    } == READING
-    assert (only_reads(75, message), only_reads(76, message), only_reads(76, ARM)) == (True, True, False)
+    only_reads = make_reading_test(frozenset({mavlink.MAV_CMD_REQUEST_MESSAGE}))
+    message = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 0, 0, 0, 0, 0, 0, 0)
+    others = set(range(13_000)) - {COMMAND_INT, COMMAND_LONG, FILE_TRANSFER}
+    assert {number for number in others if only_reads(number, message)} == READING
+    assert [only_reads(number, message) for number in (COMMAND_INT, COMMAND_LONG)] == [True, True]
+    assert not only_reads(COMMAND_LONG, ARM)
     opcodes = set()
     for opcode in range(256):
         request = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 2, opcode, *[0] * 247])
-        if only_reads(110, request):
+        if only_reads(FILE_TRANSFER, request):
             opcodes.add(opcode)
-    # None, terminate, reset, list, open and read; checksum, burst, list with times.
-    assert opcodes == {0, 1, 2, 3, 4, 5, 14, 15, 16}
+    assert opcodes == {
+        *(Opcode.NONE, Opcode.TERMINATE, Opcode.RESET, Opcode.LIST, Opcode.LIST_WITH_TIME),
+        *(Opcode.OPEN_READ, Opcode.READ, Opcode.BURST_READ, Opcode.CHECKSUM),
+    }
 
 
 # --------------------------------------------------------------------------- systems and MAVLink 1
@@ -316,7 +332,9 @@ def test_signed_frame_of_an_unlisted_system_may_not_command(linked):
 def test_parameter_disables_mavlink1(linked):
     rig = linked()
     old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
-    arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
+    arm = mavlink1.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
+    ).pack(old)
     assert arm[0] == 0xFE
     rig.give(arm)
     assert len(rig.request_handler.intents) == 1
@@ -331,9 +349,13 @@ def test_parameter_disables_mavlink1(linked):
 def test_mavlink1_may_not_command_if_signatures_are_required(linked):
     rig = linked("policy=signed-commands", key=True)
     old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
-    # What would be the signed flag of MAVLink 2 is the sequence number here.
+    # At the offset of the signed flag of MAVLink 2, a MAVLink 1 frame has its sequence number.
     old.seq = 1
-    rig.give(mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old))
+    rig.give(
+        mavlink1.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(
+            old
+        )
+    )
     assert rig.request_handler.intents == []
 
 
@@ -477,12 +499,12 @@ def test_trusted_link_works_after_loss_of_the_key(keyless, of, key):
 
 
 @pytest.mark.parametrize(
-    ("setup", "replies", "unsigned_commands"),
+    ("setup", "text", "unsigned_commands"),
     [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)],
 )
-def test_lost_key_is_set_or_removed_over_a_trusted_link(keyless, setup, replies, unsigned_commands, texts):
+def test_lost_key_is_set_or_removed_over_a_trusted_link(keyless, setup, text, unsigned_commands, texts):
     rig = keyless("trusted=1")
-    assert texts(rig.send(setup)) == [replies]
+    assert texts(rig.send(setup)) == [text]
     assert rig.endpoint.key_problem == ""
     rig.transport.options = parse_options("policy=auto")
     rig.send(ARM)

@@ -18,23 +18,23 @@ ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
 
-NONE, THERE, LOST = "none", "there", "lost"
-# The options of the link, and what there is of a key.
+NONE, PRESENT, LOST = "none", "present", "lost"
+# The options of the link, and the state of the signing key.
 POLICIES = {
     "`auto`, no key": ("policy=auto", NONE),
-    "`open`": ("policy=open", THERE),
-    "`signed-commands`": ("policy=signed-commands", THERE),
-    "`signed-only`": ("policy=signed-only", THERE),
-    "`trusted=1`": ("trusted=1", THERE),
+    "`open`": ("policy=open", PRESENT),
+    "`signed-commands`": ("policy=signed-commands", PRESENT),
+    "`signed-only`": ("policy=signed-only", PRESENT),
+    "`trusted=1`": ("trusted=1", PRESENT),
     "all but `trusted=1`, key lost": ("policy=open", LOST),
 }
 COMMANDS, READS, HEARTBEATS, NOTHING = "commands", "reads", "heartbeats", "nothing"
 BOUNDED = "less than 10 times the bytes sent"
-DROPPED, DROPPED_UNHEARD = "heartbeats; dropped after 10 s", "nothing; dropped after 10 s"
-WAITS, SERVED = "a new peer waits during the flood", "a station with the key is served at once"
-SHUT = "no peer is served"
-SET, KEPT = "sets the key", "nothing is set"
-PASSES, FOUND_OUT = "counts as a station", "STATION_SILENT is set"
+DROPPED, DROPPED_WITHOUT_REPLY = "heartbeats; dropped after 10 s", "nothing; dropped after 10 s"
+NOT_SERVED, SERVED = "a new peer waits during the flood", "a station with the key is served at once"
+NONE_SERVED = "no peer is served"
+SET, NOT_SET = "sets the key", "nothing is set"
+COUNTED, NOT_COUNTED = "counts as a station", "STATION_SILENT is set"
 
 # One column for each policy.
 TABLE = {
@@ -45,20 +45,27 @@ TABLE = {
     "has the key, but a system id that is not in `systems`": (READS, READS, READS, READS, READS, NOTHING),
     "forges the address of another in one frame": (BOUNDED, BOUNDED, BOUNDED, NOTHING, BOUNDED, NOTHING),
     "forges RADIO_STATUS over a network": (NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
-    "connects over TCP and sends nothing": (DROPPED, DROPPED, DROPPED, DROPPED_UNHEARD, DROPPED, DROPPED_UNHEARD),
-    "floods from many addresses": (WAITS, SERVED, SERVED, SERVED, WAITS, SHUT),
-    "sends SETUP_SIGNING": (KEPT, KEPT, KEPT, KEPT, SET, KEPT),
-    "imitates the heartbeats of the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES, FOUND_OUT),
+    "connects over TCP and sends nothing": (
+        DROPPED,
+        DROPPED,
+        DROPPED,
+        DROPPED_WITHOUT_REPLY,
+        DROPPED,
+        DROPPED_WITHOUT_REPLY,
+    ),
+    "floods from many addresses": (NOT_SERVED, SERVED, SERVED, SERVED, NOT_SERVED, NONE_SERVED),
+    "sends SETUP_SIGNING": (NOT_SET, NOT_SET, NOT_SET, NOT_SET, SET, NOT_SET),
+    "imitates the heartbeats of the station": (COUNTED, NOT_COUNTED, NOT_COUNTED, NOT_COUNTED, COUNTED, NOT_COUNTED),
 }
 
 
-def what_it_brings(rig, *frames):
-    """Send frames, each after the reply to the one before, wait for an interval, and return the result."""
-    reports = [message for frame in frames for message in rig.give(frame, "attacker")]
+def result_of(rig, *frames):
+    """Send frames, each after the reply to the one before, run for 2 s, and return what the attacker achieves."""
+    messages = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()
-        reports += rig.replies("attacker")
-    replies = [message.get_type() for message in without_unrequested(reports)]
+        messages += rig.replies("attacker")
+    replies = [message.get_type() for message in without_unrequested(messages)]
     if rig.request_handler.intents:
         return COMMANDS
     if "PARAM_VALUE" in replies:
@@ -70,7 +77,7 @@ def what_it_brings(rig, *frames):
 
 
 def send_unsigned(rig):
-    return what_it_brings(rig, *(rig.frame(message) for message in (BEAT, BEAT, READ, ARM)))
+    return result_of(rig, *(rig.frame(message) for message in (BEAT, BEAT, READ, ARM)))
 
 
 def send_mavlink_1(rig):
@@ -78,7 +85,7 @@ def send_mavlink_1(rig):
     beat = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(old)
     read = mavlink1.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1).pack(old)
     arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
-    return what_it_brings(rig, beat, beat, read, arm)
+    return result_of(rig, beat, beat, read, arm)
 
 
 def sign_with_another_key(rig):
@@ -93,7 +100,7 @@ def replay(rig):
         rig.give(frame, "owner")
     assert rig.request_handler.intents or rig.endpoint.key_problem
     rig.request_handler.requests.clear()
-    return what_it_brings(rig, *recorded)
+    return result_of(rig, *recorded)
 
 
 def send_as_unlisted_system(rig):
@@ -102,30 +109,30 @@ def send_as_unlisted_system(rig):
 
 
 def forge_one_frame(rig):
-    """Return the bytes of a minute to an address without a peer."""
+    """Send one frame with the address of a victim; compare the bytes sent there in a minute with those of the frame."""
     frame = rig.frame(READ_ALL)
     rig.transport.inbox.append(("victim", frame))
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     for _ in range(600):
         rig.endpoint.service(rig.now_s, [])
         rig.tick_silently()
-    drawn = sum(len(data) for address, data in rig.transport.sent if address == "victim")
-    return NOTHING if not drawn else BOUNDED if drawn < 10 * len(frame) else "an amplifier"
+    sent_bytes = sum(len(data) for address, data in rig.transport.sent if address == "victim")
+    return NOTHING if not sent_bytes else BOUNDED if sent_bytes < 10 * len(frame) else "an amplifier"
 
 
 def forge_radio_status(rig):
     frame = rig.frame(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
     before = (rig.endpoint._gate.refused_frames, rig.endpoint._gate.false_signatures)
-    result = what_it_brings(rig, frame, frame)
+    result = result_of(rig, frame, frame)
     assert len(rig.endpoint._peers) == 0
     assert (rig.endpoint._gate.refused_frames, rig.endpoint._gate.false_signatures) == before
     return result
 
 
-def connect_and_say_nothing(rig):
+def connect_and_send_nothing(rig):
     rig.transport.is_datagram = False
     rig.transport.connected = ("attacker",)
-    result = what_it_brings(rig)
+    result = result_of(rig)
     assert len(rig.endpoint._peers) == 0
     rig.tick(seconds=QUIET_S)
     assert rig.transport.dropped == ["attacker"]
@@ -141,26 +148,26 @@ def flood(rig):
     if not rig.endpoint._signing.has_key:
         rig.send(BEAT, address="station")
     if len(rig.endpoint._peers) == 0:
-        return SHUT
-    return SERVED if "station" in {peer.address for peer in rig.endpoint._peers} else WAITS
+        return NONE_SERVED
+    return SERVED if "station" in {peer.address for peer in rig.endpoint._peers} else NOT_SERVED
 
 
 def set_up_signing(rig):
-    was_there = rig.endpoint._signing.has_key
+    had_key = rig.endpoint._signing.has_key
     for message in (BEAT, BEAT, mavlink.MAVLink_setup_signing_message(1, 1, NO_KEY, 0)):
         rig.send(message, address="attacker")
-    if was_there and not rig.endpoint._signing.has_key:
+    if had_key and not rig.endpoint._signing.has_key:
         return SET
     rig.send(mavlink.MAVLink_setup_signing_message(1, 1, ANOTHER_KEY, NOW), address="attacker")
-    assert rig.endpoint._signing.has_key is was_there
+    assert rig.endpoint._signing.has_key is had_key
     assert ANOTHER_KEY.hex().encode() not in b"".join(rig.vault.contents)
-    return KEPT
+    return NOT_SET
 
 
-def pass_for_a_station(rig):
+def imitate_the_station(rig):
     rig.send(BEAT, address="attacker")
     rig.send(BEAT, address="attacker")
-    return FOUND_OUT if rig.endpoint.station_s is None else PASSES
+    return NOT_COUNTED if rig.endpoint.station_s is None else COUNTED
 
 
 RUNS = dict(
@@ -168,7 +175,7 @@ RUNS = dict(
         TABLE,
         (
             *(send_unsigned, send_mavlink_1, sign_with_another_key, replay, send_as_unlisted_system, forge_one_frame),
-            *(forge_radio_status, connect_and_say_nothing, flood, set_up_signing, pass_for_a_station),
+            *(forge_radio_status, connect_and_send_nothing, flood, set_up_signing, imitate_the_station),
         ),
         strict=True,
     )
@@ -184,14 +191,18 @@ def test_what_an_attacker_achieves(make_rig, attacker, policy):
     vault = MemoryVault()
     vault.damage = "damaged" * (key == LOST)
     rig = make_rig(vault, options=parse_options(options), addresses=())
-    if key == THERE:
+    if key == PRESENT:
         assert rig.endpoint._signing.set_key(KEY, NOW)
     rig.tick()
     assert RUNS[attacker](rig) == dict(zip(POLICIES, TABLE[attacker], strict=True))[policy]
 
 
 def test_the_page_shows_this_table():
-    rows = [("attacker", *POLICIES), ("---",) * (1 + len(POLICIES)), *((who, *cells) for who, cells in TABLE.items())]
+    rows = [
+        ("attacker", *POLICIES),
+        ("---",) * (1 + len(POLICIES)),
+        *((attacker, *cells) for attacker, cells in TABLE.items()),
+    ]
     published = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     assert published in PAGE.read_text(), (
         f"docs/explanation/threat-model.md shows another table than this:\n{published}"

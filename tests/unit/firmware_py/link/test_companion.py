@@ -12,13 +12,14 @@ from firmware_py.core.state import State
 from firmware_py.link.services import battery_report
 from firmware_py.safety.power_monitor import read_supply
 
-NONE = 65535
+NO_CELL = 65535  # voltage of a cell that does not exist
 
 
-def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, more=(0, 0, 0, 0)):
-    voltages = (*cells, *(NONE,) * (10 - len(cells)))
+def battery(number=0, cells=(13_100,), current=-150, percent=87, temperature=1234, more=(0, 0, 0, 0)):
+    """BATTERY_STATUS: cells [mV], `more` from the 11th on; current [cA], discharge positive; temperature [cdegC]."""
+    voltages = (*cells, *(NO_CELL,) * (10 - len(cells)))
     return mavlink.MAVLink_battery_status_message(
-        number, 0, 0, celsius, voltages, current, -1, -1, percent, 0, 0, more, 0, 0
+        number, 0, 0, temperature, voltages, current, -1, -1, percent, 0, 0, more, 0, 0
     )
 
 
@@ -28,14 +29,14 @@ def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, m
         (battery(), ReportBattery(13.1, 1.5, 0.87, 12.34)),
         (battery(cells=(3300, 3310, 3290, 3300)), ReportBattery(13.2, 1.5, 0.87, 12.34)),
         (battery(cells=(3300,) * 10, more=(3300, 0, 0, 0)), ReportBattery(36.3, 1.5, 0.87, 12.34)),
-        (battery(cells=(), current=-1, percent=-1, celsius=32767), ReportBattery()),
+        (battery(cells=(), current=-1, percent=-1, temperature=32767), ReportBattery()),
         (battery(current=420), ReportBattery(13.1, -4.2, 0.87, 12.34)),
     ],
 )
-def test_battery_status_becomes_a_power_sample(message, expected):
-    replies = battery_report(message)
+def test_battery_status_is_converted_to_a_report(message, expected):
+    report = battery_report(message)
     for name in ReportBattery.__slots__:
-        assert getattr(replies, name) == (
+        assert getattr(report, name) == (
             None if getattr(expected, name) is None else pytest.approx(getattr(expected, name))
         )
 
@@ -58,9 +59,9 @@ def test_battery_of_the_selected_component_is_used(companion):
     assert companion(battery()) == [battery_report(battery())]
 
 
-@pytest.mark.parametrize("who", [{"chosen": 0}, {"chosen": 201}, {"system": 2}, {"component": 0, "chosen": 0}])
-def test_batteries_of_other_components_are_ignored(companion, who):
-    assert companion(battery(), **who) == []
+@pytest.mark.parametrize("sender", [{"chosen": 0}, {"chosen": 201}, {"system": 2}, {"component": 0, "chosen": 0}])
+def test_batteries_of_other_components_are_ignored(companion, sender):
+    assert companion(battery(), **sender) == []
 
 
 def test_only_the_first_battery_is_used_at_a_limited_rate(rig, companion):
@@ -78,13 +79,13 @@ def test_refused_battery_is_reported_with_its_reason(rig, texts, reason, text):
     assert texts(rig.send(battery())) == [text]
 
 
-def judged(**values):
+def decide(**values):
     request = Request(5.0, ReportBattery(**values), 1, 200)
     return accept(State.at_start(ParameterSet()), request)
 
 
 def test_report_is_used_as_a_measurement():
-    state, answer = judged(voltage_v=13.1, current_a=-0.4, charge=0.87)
+    state, answer = decide(voltage_v=13.1, current_a=-0.4, charge=0.87)
     assert answer.verdict is Verdict.ACCEPTED
     assert read_supply(state.power, 6.0).charge == 0.87
 
@@ -94,8 +95,8 @@ def test_report_is_used_as_a_measurement():
     [("voltage_v", 0.0, 1e3), ("current_a", -5e3, 5e3), ("charge", 0.0, 1.0), ("temperature_c", -60.0, 150.0)],
 )
 def test_battery_report_out_of_range_is_refused(name, low, high):
-    assert {judged(**{name: value})[1].verdict for value in (low, high)} == {Verdict.ACCEPTED}
+    assert {decide(**{name: value})[1].verdict for value in (low, high)} == {Verdict.ACCEPTED}
     for value in (low - 1e-3, high + 1e-3, math.nan, -math.inf):
-        state, answer = judged(**{"voltage_v": 13.0} | {name: value})
+        state, answer = decide(**{"voltage_v": 13.0} | {name: value})
         assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report refused: value out of range")
         assert state.power.samples == (None, None, None)

@@ -7,11 +7,14 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Home
 from firmware_py.faults.table import Fault
 from firmware_py.link.context import LinkContext, Suppliers, within
+from firmware_py.link.parameters.files import ARDUPILOT
 from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.telemetry.identity import Version
@@ -98,16 +101,16 @@ def test_message_is_addressed_to_the_boat_or_to_all(context, message, is_address
 @pytest.mark.parametrize(
     ("intent", "mode", "home_report_due"),
     [
-        (SetMode(4), 4, False),
-        (SteerHeading(1.0, change_mode=True), 15, False),
+        (SetMode(Mode.HOLD), Mode.HOLD, False),
+        (SteerHeading(1.0, change_mode=True), Mode.GUIDED, False),
         (SteerHeading(1.0), None, False),
-        (SteerPosition(0.1, 0.2, change_mode=True), 15, False),
+        (SteerPosition(0.1, 0.2, change_mode=True), Mode.GUIDED, False),
         (SteerPosition(0.1, 0.2), None, False),
         (SetHome(), None, True),
         (Arm(True), None, False),
     ],
 )
-def test_accepted_request_is_the_intended_mode(context, verdict, intent, mode, home_report_due):
+def test_accepted_request_sets_the_intended_mode_or_the_home_report(context, verdict, intent, mode, home_report_due):
     context.request_handler.answer = Answer(verdict)
     sender = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     message = sender.decode(bytearray(BEAT.pack(sender)))
@@ -150,7 +153,7 @@ def test_text_is_sent_to_one_or_to_all_peers(context, texts):
     assert context.heartbeat().system_status == mavlink.MAV_STATE_ACTIVE
 
 
-@pytest.mark.parametrize(("autopilot", "kind"), [(3, 6), (0, 9)])
+@pytest.mark.parametrize(("autopilot", "kind"), [(ARDUPILOT, Kind.INTEGER), (0, Kind.REAL)])
 def test_parameter_value_has_the_type_that_the_autopilot_declares(autopilot, kind):
     handler = FakeRequestHandler()
     handler.values = handler.values.replaced("LNK_IDENTITY", autopilot).replaced("LNK_SYSID", 7)

@@ -26,12 +26,15 @@ from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.urls import parse_options
 from support.link import KEY, NOW, sign
 
+INITIALISING = 16  # custom_mode of ArduRover
+GROUND_STATION, ONBOARD_CONTROLLER = mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+
 
 def test_first_heartbeat_is_sent_at_once_with_mode_initialising(make_rig, of):
     rig = make_rig()
     rig.endpoint.service(0.0, [])
     (beat,) = of(rig.replies(), "HEARTBEAT")
-    assert (beat.custom_mode, beat.system_status, beat.get_srcSystem()) == (16, mavlink.MAV_STATE_BOOT, 1)
+    assert (beat.custom_mode, beat.system_status, beat.get_srcSystem()) == (INITIALISING, mavlink.MAV_STATE_BOOT, 1)
     (beat,) = of(rig.tick(), "HEARTBEAT")
     assert beat.custom_mode == Mode.GUIDED
 
@@ -51,7 +54,10 @@ def test_sequence_numbers_have_no_gaps(rig):
     numbers = []
     for _ in range(30):
         numbers += [message.get_seq() for message in rig.tick()]
-        numbers += [message.get_seq() for message in rig.command(512, 148)]
+        numbers += [
+            message.get_seq()
+            for message in rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        ]
     first = numbers[0]
     assert numbers == [(first + index) % 256 for index in range(len(numbers))]
 
@@ -114,9 +120,9 @@ def test_events_per_tick_are_limited(rig, texts):
     assert texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)])) == list(map(str, range(16)))
 
 
-def test_own_messages_are_not_answered(rig):
+def test_own_messages_get_no_reply(rig):
     rig.station.srcSystem, rig.station.srcComponent = 1, 1
-    assert rig.command(400, 1.0) == []
+    assert rig.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == []
     assert rig.request_handler.requests == []
 
 
@@ -124,12 +130,12 @@ def test_work_of_one_call_is_limited(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 500))
     rig.endpoint.service(0.0, [100])
-    answered = len(of(rig.replies(), "PING"))
-    assert answered == 4
+    reply_count = len(of(rig.replies(), "PING"))
+    assert reply_count == 4
     assert rig.endpoint.busy
     rig.finish()
-    answered += len(of(rig.replies(), "PING"))
-    assert answered == 500
+    reply_count += len(of(rig.replies(), "PING"))
+    assert reply_count == 500
 
 
 @pytest.mark.parametrize(
@@ -162,7 +168,7 @@ def test_refused_bytes_are_counted_in_the_status(rig, of):
         rig.give(bytes(damaged))
     rig.give(beat.pack(rig.station, force_mavlink1=True) * 4)
     rig.tick()
-    (status,) = of(rig.command(512, 1), "SYS_STATUS")
+    (status,) = of(rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYS_STATUS), "SYS_STATUS")
     assert status.errors_comm == 1 + 2 + 4
 
 
@@ -175,12 +181,12 @@ def test_notices_are_limited_to_four_and_then_one_in_thirty_seconds(rig, texts):
         assert texts(rig.give(b"")) == ["link is full"] * count
 
 
-def test_publish_answers_queued_frames(rig, of):
+def test_publish_replies_to_queued_frames(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 7))
     rig.endpoint.service(0.0, [100])
-    answered = len(of(rig.replies(), "PING"))
-    assert len(of(rig.tick(), "PING")) == 7 - answered > 0
+    reply_count = len(of(rig.replies(), "PING"))
+    assert len(of(rig.tick(), "PING")) == 7 - reply_count > 0
 
 
 def test_telemetry_fits_a_slow_line_and_every_message_is_sent(make_rig):
@@ -235,7 +241,7 @@ def test_critical_faults_are_in_the_heartbeat(rig, of):
 def test_message_may_be_half_a_tick_early(rig, of, rate_hz, early_s):
     """The tick is that of the loop, and counts as one second at most."""
     rig.now_s = 16.0
-    rig.command(511, 30, 8e6)  # ATTITUDE every 8 s
+    rig.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 8e6)  # every 8 s
     assert of(rig.tick(seconds=0.0, rate_hz=rate_hz), "ATTITUDE")
     rig.now_s = 24.0
     assert of(rig.tick(seconds=-early_s - 0.001, rate_hz=rate_hz), "ATTITUDE") == []
@@ -294,18 +300,18 @@ def test_heartbeats_of_ground_stations_prevent_station_silent(make_rig, options,
 @pytest.mark.parametrize(
     ("sender", "kind", "options", "key", "counts"),
     [
-        ((255, 190), 6, "policy=auto", False, True),
-        ((255, 191), 6, "policy=auto", False, True),
-        ((1, 191), 6, "policy=auto", False, False),
-        ((1, 1), 6, "policy=auto", False, False),
-        ((1, 191), 6, "trusted=1", False, False),
-        ((1, 191), 6, "systems=255", False, False),
-        ((1, 191), 6, "policy=auto", True, False),
-        ((255, 190), 18, "policy=auto", False, False),
-        ((254, 190), 6, "systems=255", False, False),
-        ((254, 190), 6, "systems=254,255", False, True),
-        ((254, 190), 6, "policy=signed-commands", False, False),
-        ((254, 190), 6, "systems=255", True, False),
+        ((255, 190), GROUND_STATION, "policy=auto", False, True),
+        ((255, 191), GROUND_STATION, "policy=auto", False, True),
+        ((1, 191), GROUND_STATION, "policy=auto", False, False),
+        ((1, 1), GROUND_STATION, "policy=auto", False, False),
+        ((1, 191), GROUND_STATION, "trusted=1", False, False),
+        ((1, 191), GROUND_STATION, "systems=255", False, False),
+        ((1, 191), GROUND_STATION, "policy=auto", True, False),
+        ((255, 190), ONBOARD_CONTROLLER, "policy=auto", False, False),
+        ((254, 190), GROUND_STATION, "systems=255", False, False),
+        ((254, 190), GROUND_STATION, "systems=254,255", False, True),
+        ((254, 190), GROUND_STATION, "policy=signed-commands", False, False),
+        ((254, 190), GROUND_STATION, "systems=255", True, False),
     ],
 )
 def test_only_a_commanding_station_prevents_station_silent(make_rig, sender, kind, options, key, counts):
@@ -380,7 +386,7 @@ def converse(boat, client):
     assert boat.serve(client, "HEARTBEAT").type == mavlink.MAV_TYPE_SURFACE_BOAT
     client.mav.param_set_send(1, 1, b"CTL_K1", 42.5, 9)
     assert boat.serve(client, "PARAM_VALUE").param_value == 42.5
-    client.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    client.mav.command_long_send(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
     assert boat.serve(client, "COMMAND_ACK").result == 0
 
 

@@ -65,7 +65,7 @@ def download(rig, number, ticks=40):
 
 def test_list_starts_with_the_newest_log_and_continues_with_the_oldest(boat, of):
     found = entries(boat, of)
-    assert list(found) == [0, 1, 2]  # as MAVSDK wants it
+    assert list(found) == [0, 1, 2]  # as MAVSDK expects
     assert {one.num_logs for one in found.values()} == {3}
     assert [(found[number].size, found[number].time_utc) for number in (1, 2, 0)] == [
         (SIZES[number], 1_700_000_000 + number) for number in (1, 2, 5)
@@ -82,7 +82,7 @@ def test_size_and_time_are_limited_to_32_bits(boat, disk, of):
 
 def test_list_of_qgroundcontrol_starts_with_one(boat, of):
     entries(boat, of)
-    found = entries(boat, of, 3, 3)  # it asks for the one that has not come
+    found = entries(boat, of, 3, 3)  # it requests the entry that it has not received
     assert [(one.id, one.size, one.num_logs, one.last_log_num) for one in found.values()] == [(3, SIZES[5], 3, 3)]
     assert joined(blocks(ask_data(boat, 3, 0, SIZES[5]))) == content_of(5)
 
@@ -239,7 +239,7 @@ def test_four_stations_download_and_the_fifth_is_refused(disk, stored, of, texts
         for address, found in sent.items():
             rig.transport.sent = list(everything)
             found.update(blocks(rig.replies(address)))
-    # The first blocks went before anybody looked.
+    # The first blocks were sent before the loop, and are not in `sent`.
     for found in sent.values():
         assert min(found) <= 512 * 90
         assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
@@ -290,7 +290,7 @@ def test_log_frames_equal_those_of_pymavlink(boat):
     ((_, data),) = boat.transport.sent
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     sender.seq = data[4]
-    # The number of the log is 1 in the ring; all of the block is there.
+    # Log number 1 is the oldest log; the block is complete.
     expected = mavlink.MAVLink_log_data_message(1, 0, 90, list(content_of(1)[:90]))
     assert data == expected.pack(sender)
     assert struct.unpack_from("<IHB", data, 10) == (0, 1, 90)
@@ -338,7 +338,7 @@ def test_erasure_ends_a_download(boat, of):
 
 
 def compressed(disk, number):
-    """Do the steps of compressing a log, without the first; a station may send a request after each."""
+    """Compress a log step by step; a station may send a request after each step."""
     path = disk / f"{number:08d}.BIN"
     job = archive_log(path)
     for _ in job:
@@ -400,11 +400,11 @@ def test_both_names_of_a_log_are_erased(boat, disk, texts):
 # ---------------------------------------------------------------------- removed while they are read
 
 
-@pytest.mark.parametrize("gone", [SIZES, [1, 2]], ids=["all", "all but one"])
-def test_repeated_list_request_does_not_disturb_a_download(boat, disk, of, gone):
+@pytest.mark.parametrize("removed", [SIZES, [1, 2]], ids=["all", "all but one"])
+def test_repeated_list_request_does_not_disturb_a_download(boat, disk, of, removed):
     entries(boat, of)
-    found = blocks(ask_data(boat, 2))  # opened by now; what is removed from the directory can be read to its end
-    for number in gone:
+    found = blocks(ask_data(boat, 2))  # the file is open now: after its removal it can be read to the end
+    for number in removed:
         (disk / f"{number:08d}.BIN").unlink()
     found.update(blocks(boat.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))))
     for _ in range(10):

@@ -14,7 +14,7 @@ from support.link import SNAPSHOT
 from support.program import unused_ports
 
 
-def scene():
+def make_data():
     return NmeaData(SNAPSHOT, 1.79e9, math.radians(2.0))
 
 
@@ -31,7 +31,7 @@ def test_rate_is_from_one_in_100_s_to_10_hz(listener, rate, count):
     url = f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}?sentences=HDT&rate={rate}"
     with closing(open_output(url, None)) as output:
         for twentieth in range(20):
-            output.publish(scene, twentieth / 20.0)
+            output.publish(make_data, twentieth / 20.0)
         assert output.status(0.0).peers[0].sent_bytes == 18 * count
 
 
@@ -48,7 +48,7 @@ def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener,
     url = f"nmea:{kind}:127.0.0.1:{listener.getsockname()[1]}?sentences=RSA,HDT&rate=2"
     with closing(open_output(url, None)) as output:
         for tenth in range(10):
-            output.publish(scene, tenth / 10.0)
+            output.publish(make_data, tenth / 10.0)
         assert listener.recv(2000).split(b"\r\n")[:-1] == [b"$AGRSA,11.5,A,,V*4A", b"$HCHDT,57.3,T*18"]
         reports = output.status(1.0)
         peer = PeerStatus("1 listening", False, True, False, None, 2 * (21 + 18), 0, 0)
@@ -58,11 +58,11 @@ def test_datagram_contains_the_selected_sentences_at_the_selected_rate(listener,
 def test_missed_intervals_are_skipped(listener):
     url = f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}"
     with closing(open_output(f"{url}?sentences={','.join(TABLE)}", None)) as output:
-        output.publish(scene, 0.0)
+        output.publish(make_data, 0.0)
         once = output.status(0.0).peers[0].sent_bytes
-        output.publish(scene, 100.0)
+        output.publish(make_data, 100.0)
         for now_s, count in ((100.9, 2), (101.0, 3), (101.9, 3), (102.0, 4), (104.0, 5), (104.5, 5)):
-            output.publish(scene, now_s)
+            output.publish(make_data, now_s)
             assert output.status(0.0).peers[0].sent_bytes == count * once
 
 
@@ -73,13 +73,13 @@ def test_several_tcp_listeners_receive_and_their_bytes_are_discarded():
         for client in clients:
             client.sendall(b"$GPGLL,hello*00\r\n" * 50)
         for second in range(4):  # one is accepted at a time
-            output.publish(scene, float(second))
+            output.publish(make_data, float(second))
         assert output.status(0.0).peers[0].address == "2 listening"
         for client in clients:
             assert client.recv(18) == b"$HCHDT,57.3,T*18\r\n"
             client.close()
         for second in range(4, 8):
-            output.publish(scene, float(second))
+            output.publish(make_data, float(second))
         assert output.status(0.0).peers[0].address == "0 listening"
 
 
@@ -87,9 +87,9 @@ def test_full_line_drops_and_counts_complete_messages():
     line = FakeLine()
     with closing(open_output("nmea:serial:/dev/ttyX:4800?sentences=HDT", lambda *_: line)) as output:
         line.full = True
-        output.publish(scene, 0.0)
+        output.publish(make_data, 0.0)
         line.full = False
-        output.publish(scene, 1.0)
+        output.publish(make_data, 1.0)
         assert line.written == [b"$HCHDT,57.3,T*18\r\n"]
         assert output.status(0.0).peers[0].dropped == 1
         assert output.status(0.0).blocked_reason == ""
@@ -101,7 +101,7 @@ def test_full_line_drops_and_counts_complete_messages():
     ("url", "text"),
     [
         ("nmea:udpin:0.0.0.0:10110", "use nmea:udpout:"),
-        ("nmea:carrier:0", "use nmea:udpout:"),
+        ("nmea:unknown:0", "use nmea:udpout:"),
         ("nmea:udpout:127.0.0.1:10110?sentences=HDT,XYZ", "there are sentences=HDT,"),
         ("nmea:udpout:127.0.0.1:10110?rate=nan", "rate=0.01 to 10"),
         ("nmea:udpout:127.0.0.1:10110?rate=0.0099", "rate=0.01 to 10"),

@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SteerHeading
+from firmware_py.link.files.payload import Opcode
 from firmware_py.link.peers import PeerPath, PeerPaths
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
@@ -22,23 +23,23 @@ KEY = bytes(range(100, 132))
 
 
 def yaw(angle_deg):
-    return mavlink.MAVLink_command_long_message(1, 1, 115, 0, angle_deg, 0, 1, 1, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_CONDITION_YAW, 0, angle_deg, 0, 1, 1, 0, 0, 0)
 
 
 def arm(wanted):
-    return mavlink.MAVLink_command_long_message(1, 1, 400, 0, wanted, 0, 0, 0, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, wanted, 0, 0, 0, 0, 0, 0)
 
 
 def parameter(value):
     return mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", value, 9)
 
 
-class TwoWays:
+class TwoPaths:
     """A rig behind a router that sends each frame on two paths; `by` selects the paths and their delays."""
 
     def __init__(self, rig):
         self.rig = rig
-        self.on_the_way = []
+        self.in_transit = []
         for _ in range(2 + MIN_IDENTICAL_FRAMES):
             self.send(BEAT)
             self.pass_time(1.0)
@@ -46,23 +47,23 @@ class TwoWays:
     def send(self, message, by=((RADIO, 0.0), (OTHER, 0.0))):
         data = self.rig.frame(message)
         for address, delay_s in by:
-            heapq.heappush(self.on_the_way, (self.rig.now_s + delay_s, len(self.on_the_way), address, data))
+            heapq.heappush(self.in_transit, (self.rig.now_s + delay_s, len(self.in_transit), address, data))
 
     def pass_time(self, seconds):
-        """Carry what is due; return what the boat says meanwhile by either way, with the way."""
+        """Deliver the due frames; return the messages that the boat sends meanwhile, each with its address."""
         replies = []
         end_s = self.rig.now_s + seconds
         while self.rig.now_s < end_s:
-            while self.on_the_way and self.on_the_way[0][0] <= self.rig.now_s:
-                *_, address, data = heapq.heappop(self.on_the_way)
+            while self.in_transit and self.in_transit[0][0] <= self.rig.now_s:
+                *_, address, data = heapq.heappop(self.in_transit)
                 self.rig.transport.inbox.append((address, data))
                 self.rig.endpoint.service(self.rig.now_s, [self.rig.transport.descriptor])
                 self.rig.finish()
             self.rig.tick_silently()
-            replies += self.received()
+            replies += self.receive()
         return replies
 
-    def received(self):
+    def receive(self):
         sent, self.rig.transport.sent = self.rig.transport.sent, []
         parser = mavlink.MAVLink(None)
         return [(address, message) for address, data in sent for message in parser.parse_buffer(data) or []]
@@ -76,7 +77,7 @@ def router(make_rig, request):
         assert rig.endpoint._signing.set_key(KEY, now)
         signing = rig.station.signing
         signing.secret_key, signing.timestamp, signing.sign_outgoing = KEY, now, True
-    return TwoWays(rig)
+    return TwoPaths(rig)
 
 
 def turns(rig):
@@ -127,8 +128,8 @@ def test_mission_is_uploaded_over_two_lossy_paths(router, seed):
     chances = random.Random(seed)
 
     def send(message):
-        ways = [(address, chances.uniform(0.0, 2.0)) for address in (RADIO, OTHER) if chances.random() > 0.3]
-        router.send(message, ways)
+        paths = [(address, chances.uniform(0.0, 2.0)) for address in (RADIO, OTHER) if chances.random() > 0.3]
+        router.send(message, paths)
 
     items = [
         mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, 36_000_000 + n, 12_000_000, 0, 0)
@@ -153,19 +154,18 @@ def test_mission_is_uploaded_over_two_lossy_paths(router, seed):
 
 
 def test_file_whose_end_came_on_one_path_is_stored_completely(stored, tmp_path):
-    rig, _ = stored(addresses=())
-    router = TwoWays(rig)
-    client_of = type(_)
-    client = client_of(rig)
+    rig, client = stored(addresses=())
+    router = TwoPaths(rig)
     content = bytes(range(200)) * 3
-    router.send(client.request(6, "/uploads/up.bin"))
+    router.send(client.request(Opcode.CREATE, "/uploads/up.bin"))
     for start in range(0, len(content), 200):
         last = start + 200 >= len(content)
         router.send(
-            client.request(7, content[start : start + 200], offset=start), [(RADIO, 0.0)] + [(OTHER, 0.3)] * (not last)
+            client.request(Opcode.WRITE, content[start : start + 200], offset=start),
+            [(RADIO, 0.0)] + [(OTHER, 0.3)] * (not last),
         )
         router.pass_time(0.5)
-    router.send(client.request(1), [(RADIO, 0.0), (OTHER, 1.0)])
+    router.send(client.request(Opcode.TERMINATE), [(RADIO, 0.0), (OTHER, 1.0)])
     router.pass_time(3.0)
     assert (tmp_path / "uploads" / "up.bin").read_bytes() == content
 
@@ -185,7 +185,7 @@ def test_station_with_a_new_nat_port_continues(make_rig):
         replies = [message for message in replies if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_ACK")]
     assert (replies[-1].get_type(), replies[-1].type) == ("MISSION_ACK", 0)
     assert len(rig.request_handler.plans().mission.items) == 39
-    # And telemetry goes to the port that it has now alone.
+    # Telemetry is sent to its present port only.
     assert {peer.address for peer in rig.endpoint._peers} == {ports[-1]}
 
 
@@ -193,8 +193,9 @@ def test_rates_and_pending_requests_move_to_the_new_port(make_rig, of):
     rig = make_rig(addresses=())
     old, new = ("198.51.100.7", 1), ("198.51.100.7", 2)
     rig.prove(old)
-    rig.command(511, 30, 1e6)  # ATTITUDE once a second; of any peer that is at the first address
-    rig.send(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address=old)
+    set_interval, attitude = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE
+    rig.command(set_interval, attitude, 1e6)  # of the peer "station"
+    rig.send(mavlink.MAVLink_command_long_message(1, 1, set_interval, 0, attitude, -1, 0, 0, 0, 0, 0), address=old)
     rig.ticks(3)
     rig.prove(new)
     rig.replies()
@@ -215,7 +216,7 @@ def test_another_station_remains_a_separate_peer(make_rig, other):
     assert len({peer.path.station for peer in rig.endpoint._peers}) == 2
 
 
-# ---------------------------------------------------------------- whose way it is
+# ---------------------------------------------------------------- assignment of paths to stations
 
 
 def beat(number, sender=255, base_mode=0):
@@ -224,82 +225,83 @@ def beat(number, sender=255, base_mode=0):
     return mavlink.MAVLink_heartbeat_message(6, 8, base_mode, 0, 0, 3).pack(station)
 
 
-def received(ways, way, frame, now_s):
-    double = ways.is_duplicate(way, frame, now_s)
-    if not double:
-        ways.add(way, frame, now_s)
-    return double
+def receive(paths, path, frame, now_s):
+    """Process a frame; return whether it is a duplicate."""
+    is_duplicate = paths.is_duplicate(path, frame, now_s)
+    if not is_duplicate:
+        paths.add(path, frame, now_s)
+    return is_duplicate
 
 
-def joined(ways, one, other, until=MIN_IDENTICAL_FRAMES + 1):
-    for number in range(until):
-        received(ways, one, beat(number), number)
-        received(ways, other, beat(number), number + 0.5)
+def send_on_both_paths(paths, one, other, count=MIN_IDENTICAL_FRAMES + 1):
+    for number in range(count):
+        receive(paths, one, beat(number), number)
+        receive(paths, other, beat(number), number + 0.5)
 
 
 def test_paths_belong_to_one_station_after_several_identical_frames():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other, MIN_IDENTICAL_FRAMES)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other, MIN_IDENTICAL_FRAMES)
     assert one.station is not other.station
-    joined(ways, one, other)
+    send_on_both_paths(paths, one, other)
     assert one.station is other.station
 
 
 def test_different_frames_with_one_number_separate_two_stations():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
-    assert not received(ways, one, beat(9), 9.0)
-    assert not received(ways, other, beat(9, base_mode=1), 9.5)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
+    assert not receive(paths, one, beat(9), 9.0)
+    assert not receive(paths, other, beat(9, base_mode=1), 9.5)
     assert one.station is not other.station
-    assert not received(ways, other, beat(10), 10.0)
-    assert not received(ways, one, beat(10), 10.5)
+    assert not receive(paths, other, beat(10), 10.0)
+    assert not receive(paths, one, beat(10), 10.5)
 
 
 def test_frames_of_a_restarted_program_are_accepted():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 5.0)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 5.0)
     for number in range(20):
-        assert not received(ways, one, beat(number), 0.01 * number)
+        assert not receive(paths, one, beat(number), 0.01 * number)
     for number in range(20):
-        assert not received(ways, other, beat(number), 5.0 + 0.01 * number)
+        assert not receive(paths, other, beat(number), 5.0 + 0.01 * number)
 
 
 def test_frame_number_wraps():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
-    assert received(ways, other, beat(3), 3.0 + DUPLICATE_S) is True
-    assert received(ways, one, beat(3), 3.0 + DUPLICATE_S) is False  # by its own way
-    assert received(ways, other, beat(3), 3.0 + 2.0 * DUPLICATE_S + 0.1) is False
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
+    assert receive(paths, other, beat(3), 3.0 + DUPLICATE_S) is True
+    assert receive(paths, one, beat(3), 3.0 + DUPLICATE_S) is False  # the copy on its own path
+    assert receive(paths, other, beat(3), 3.0 + 2.0 * DUPLICATE_S + 0.1) is False
 
 
 @pytest.mark.parametrize(("late_s", "stations"), [(10.0, 2), (10.1, 1)])
 def test_different_frame_with_an_old_number_separates_no_paths(late_s, stations):
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
-    received(ways, one, beat(9), 9.0)
-    received(ways, other, beat(9, base_mode=1), 9.0 + late_s)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
+    receive(paths, one, beat(9), 9.0)
+    receive(paths, other, beat(9, base_mode=1), 9.0 + late_s)
     assert len({one.station, other.station}) == stations
 
 
 def test_separated_paths_belong_together_after_ten_more_identical_frames():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
-    received(ways, one, beat(9), 9.0)
-    received(ways, other, beat(9, base_mode=1), 9.5)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
+    receive(paths, one, beat(9), 9.0)
+    receive(paths, other, beat(9, base_mode=1), 9.5)
     for count in range(1, 14):
         assert one.station is not other.station
-        received(ways, one, beat(20 + count), 20.0 + count)
-        received(ways, other, beat(20 + count), 20.5 + count)
+        receive(paths, one, beat(20 + count), 20.0 + count)
+        receive(paths, other, beat(20 + count), 20.5 + count)
     assert one.station is other.station
 
 
 def test_frames_of_the_latest_eight_senders_are_stored():
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
     for later_senders, is_known in ((7, True), (8, False)):
-        received(ways, one, beat(50, sender=100), 10.0)
+        receive(paths, one, beat(50, sender=100), 10.0)
         for sender in range(later_senders):
-            received(ways, one, beat(1, sender=1 + sender), 10.0)
-        assert received(ways, other, beat(50, sender=100), 10.5) is is_known
+            receive(paths, one, beat(1, sender=1 + sender), 10.0)
+        assert receive(paths, other, beat(50, sender=100), 10.5) is is_known
 
 
 @pytest.mark.parametrize(
@@ -316,19 +318,19 @@ def test_frames_of_the_latest_eight_senders_are_stored():
     ],
 )
 def test_station_that_moves_continues_its_frame_numbers(frames, late_s, origin, is_verified, is_same):
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath(origin, 20.0)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath(origin, 20.0)
     first = 254 if frames == 2 else 100
-    received(ways, one, beat(first), 20.0)
-    ways.assign_moved(other, beat((first + frames) % 256), 20.0 + late_s, is_verified=is_verified)
+    receive(paths, one, beat(first), 20.0)
+    paths.assign_moved(other, beat((first + frames) % 256), 20.0 + late_s, is_verified=is_verified)
     assert (one.station is other.station) is is_same
 
 
 @pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
 def test_wrapped_frame_number_separates_no_paths(later_frames, stations):
     """A path may be late by less than half of the sequence numbers; beyond that, an equal number is another frame."""
-    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
-    joined(ways, one, other)
+    paths, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
+    send_on_both_paths(paths, one, other)
     for number in range(later_frames + 1):
-        received(ways, one, beat((9 + number) % 256), 9.0)
-    assert not received(ways, other, beat(9, base_mode=1), 9.5)
+        receive(paths, one, beat((9 + number) % 256), 9.0)
+    assert not receive(paths, other, beat(9, base_mode=1), 9.5)
     assert len({one.station, other.station}) == stations

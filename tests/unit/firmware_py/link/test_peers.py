@@ -44,7 +44,7 @@ def kinds(messages):
     return [message.get_type() for message in messages]
 
 
-def seated(rig):
+def active_addresses(rig):
     return {peer.address for peer in rig.endpoint._peers}
 
 
@@ -61,13 +61,13 @@ def test_sender_of_one_frame_gets_a_few_heartbeats_only(open_rig):
         assert set(kinds(replies)) <= {"HEARTBEAT"}
         beats_s += [open_rig.now_s for _ in replies]
     assert beats_s == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # 8 bytes for each byte received
-    assert seated(open_rig) == set()
+    assert active_addresses(open_rig) == set()
 
 
 def test_peer_that_sends_again_becomes_active(open_rig):
     assert kinds(open_rig.send(BEAT, address="station")) == ["HEARTBEAT"]
     open_rig.send(BEAT, address="station")
-    assert seated(open_rig) == {"station"}
+    assert active_addresses(open_rig) == {"station"}
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
 
@@ -76,7 +76,7 @@ def test_pending_peer_that_uploads_is_not_removed(open_rig):
     count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
     replies = open_rig.send(count, address="first")
     assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(replies)}
-    assert seated(open_rig) == set()
+    assert active_addresses(open_rig) == set()
     replies = open_rig.send(count, address="second")
     acks = [message.type for message in replies if message.get_type() == "MISSION_ACK"]
     assert acks == [mavlink.MAV_MISSION_DENIED]
@@ -86,7 +86,7 @@ def test_rest_of_a_datagram_does_not_prove_the_peer(open_rig):
     """It is processed in pieces, with replies between them."""
     pings = b"".join(open_rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
     open_rig.give(pings, "victim")
-    assert seated(open_rig) == set()
+    assert active_addresses(open_rig) == set()
 
 
 def test_long_reply_is_completed_after_the_peer_is_proven(open_rig):
@@ -113,7 +113,7 @@ def test_signing_peer_is_proven_at_once(keyed):
     rig = keyed()
     sign(rig)
     rig.send(BEAT, address="station")
-    assert seated(rig) == {"station"}
+    assert active_addresses(rig) == {"station"}
     rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     rig.tick_silently()
     assert rig.transport.sent
@@ -133,7 +133,7 @@ def test_silent_peer_may_have_restarted_after_three_seconds(silence_s, is_due):
 def test_reply_of_an_unproven_peer_proves_it(is_satellite, sent_bytes):
     link_class = LinkClass.SATELLITE if is_satellite else LinkClass.FAST
     peer = Peer(MemoryTransport(options=LinkOptions(link_class=link_class)), "station", UnsignedSealer(), 0.0)
-    peer.outbox.sent_bytes = 100  # these do not count
+    peer.outbox.sent_bytes = 100  # from before the peer became unproven
     peer.mark_unproven()
     assert (peer.is_proven, peer.bulk_frames(50, 0.0)) == (False, 0)
     peer.outbox.sent_bytes += sent_bytes
@@ -151,7 +151,7 @@ def test_start_of_a_frame_of_a_new_peer_is_kept(open_rig):
     second = open_rig.frame(BEAT)
     open_rig.give(open_rig.frame(BEAT) + second[:10], "station")
     open_rig.give(second[10:], "station")
-    assert seated(open_rig) == {"station"}
+    assert active_addresses(open_rig) == {"station"}
 
 
 @pytest.mark.parametrize(
@@ -198,21 +198,21 @@ def test_peer_with_the_longest_silence_is_evicted(open_rig, texts):
         open_rig.now_s += 1.0
         open_rig.prove(number)
     replies = open_rig.prove("late")
-    assert "late" not in seated(open_rig)
+    assert "late" not in active_addresses(open_rig)
     assert "Station late refused: memory is full" in texts(replies)
     assert open_rig.endpoint._peers.rejected == 1
     open_rig.now_s += QUIET_S
     open_rig.prove("late")
-    assert seated(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
+    assert active_addresses(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
 
 
 def test_capacity_is_shared_between_hosts(open_rig):
     for port in range(2 * MAX_ACTIVE_PEERS):
         open_rig.prove(("crowd", port))
-    assert len(seated(open_rig)) == MAX_ACTIVE_PEERS
+    assert len(active_addresses(open_rig)) == MAX_ACTIVE_PEERS
     for number in range(MAX_ACTIVE_PEERS // 2):
         open_rig.prove((f"host {number}", 1))
-    hosts = [host for host, _ in seated(open_rig)]
+    hosts = [host for host, _ in active_addresses(open_rig)]
     assert hosts.count("crowd") == MAX_ACTIVE_PEERS // 2
     assert len(set(hosts)) == 1 + MAX_ACTIVE_PEERS // 2
 
@@ -221,11 +221,11 @@ def test_station_with_the_key_is_always_admitted(keyed):
     rig = keyed()
     for number in range(MAX_ACTIVE_PEERS):
         rig.prove((f"127.0.0.{number}", 1))
-    assert len(seated(rig)) == MAX_ACTIVE_PEERS // 2
+    assert len(active_addresses(rig)) == MAX_ACTIVE_PEERS // 2
     sign(rig)
     for number in range(MAX_ACTIVE_PEERS):
         rig.send(BEAT, address=(f"192.0.2.{number}", 1))
-    assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
+    assert {host for host, _ in active_addresses(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
 
 
 def test_pending_peers_do_not_block_others(open_rig):
@@ -233,7 +233,7 @@ def test_pending_peers_do_not_block_others(open_rig):
         open_rig.send(BEAT, address=(f"host {number}", 1))
     assert len(tuple(open_rig.endpoint._peers.all_peers())) == MAX_PENDING_PEERS
     open_rig.prove("station")
-    assert seated(open_rig) == {"station"}
+    assert active_addresses(open_rig) == {"station"}
 
 
 def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
@@ -241,7 +241,7 @@ def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
     for port in range(10 * MAX_PENDING_PEERS):
         open_rig.send(BEAT, address=("crowd", port))
     open_rig.send(BEAT, address=("station", 1))
-    assert seated(open_rig) == {("station", 1)}
+    assert active_addresses(open_rig) == {("station", 1)}
 
 
 def test_silent_peer_is_removed(open_rig):
@@ -250,9 +250,9 @@ def test_silent_peer_is_removed(open_rig):
     open_rig.now_s = 299.0
     open_rig.send(BEAT, address="speaks")
     open_rig.tick(seconds=1.0)
-    assert seated(open_rig) == {"speaks", "silent"}
+    assert active_addresses(open_rig) == {"speaks", "silent"}
     open_rig.tick()
-    assert seated(open_rig) == {"speaks"}
+    assert active_addresses(open_rig) == {"speaks"}
 
 
 def test_damaged_frames_of_removed_peers_are_counted(connected):
@@ -321,12 +321,12 @@ def connected(make_rig):
     return make
 
 
-@pytest.mark.parametrize(("policy", "gets"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
-def test_client_without_a_frame_is_dropped(connected, policy, gets):
+@pytest.mark.parametrize(("policy", "allowed_kinds"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
+def test_client_without_a_frame_is_dropped(connected, policy, allowed_kinds):
     rig = connected(f"policy={policy}", key=True)
-    assert {kind for _ in range(9) for kind in kinds(without_unrequested(rig.tick(seconds=1.0)))} <= gets
+    assert {kind for _ in range(9) for kind in kinds(without_unrequested(rig.tick(seconds=1.0)))} <= allowed_kinds
     assert rig.transport.dropped == []
-    assert seated(rig) == set()
+    assert active_addresses(rig) == set()
     rig.tick(seconds=2.0)
     assert rig.transport.dropped == [("client", 1)]
 
@@ -350,7 +350,7 @@ def test_client_with_noise_is_dropped(connected):
 def test_client_is_active_from_its_first_frame_until_it_is_silent(connected):
     rig = connected()
     assert "PARAM_VALUE" in kinds(rig.send(READ, address=("client", 1)))
-    assert seated(rig) == {("client", 1)}
+    assert active_addresses(rig) == {("client", 1)}
     rig.tick(seconds=FORGET_S - 1.0)
     rig.tick_silently(seconds=0.5)
     assert rig.transport.sent
@@ -375,10 +375,10 @@ def test_station_with_an_old_timestamp_gets_a_signed_heartbeat_on_a_connection(c
     rig.station.signing.timestamp = NOW - 120 * 100_000
     replies = rig.send(BEAT, address=("client", 1))
     assert "HEARTBEAT" in kinds(replies)
-    assert seated(rig) == set()
+    assert active_addresses(rig) == set()
 
 
-# --------------------------------------------------------------------------- what else counts
+# --------------------------------------------------------------------------- radio status, blocked links
 
 
 @pytest.mark.parametrize("byte_rate", [None, 5760.0])
@@ -386,10 +386,10 @@ def test_radio_status_is_accepted_on_a_line_only(keyed, byte_rate):
     rig = keyed("policy=signed-only", byte_rate=byte_rate)
     rig.transport.served = () if byte_rate is None else ("line",)
     rig.tick()
-    before = seated(rig)
+    before = active_addresses(rig)
     status = mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0)
     assert rig.send(status, status, address="line") == []
-    assert seated(rig) == before
+    assert active_addresses(rig) == before
     assert rig.endpoint._gate.refused_frames == 0
 
 

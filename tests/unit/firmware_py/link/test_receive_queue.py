@@ -9,23 +9,23 @@ MAX_SHARE_BYTES = 16_384
 
 
 @pytest.fixture
-def estimator():
+def queue():
     return ReceiveQueue(lambda _index, address: address in ("one", "two"))
 
 
-def taken(estimator):
+def pop_all(queue):
     found = []
-    while estimator:
-        found.append(estimator.pop())
+    while queue:
+        found.append(queue.pop())
     return found
 
 
-def test_peers_are_processed_in_turn(estimator):
+def test_peers_are_processed_in_turn(queue):
     for number in range(3):
-        estimator.offer(0, "one", b"a%d" % number)
-    estimator.offer(0, "two", b"b")
-    estimator.offer(1, "one", b"c")
-    assert taken(estimator) == [
+        queue.offer(0, "one", b"a%d" % number)
+    queue.offer(0, "two", b"b")
+    queue.offer(1, "one", b"c")
+    assert pop_all(queue) == [
         (0, "one", b"a0"),
         (0, "two", b"b"),
         (1, "one", b"c"),
@@ -33,47 +33,47 @@ def test_peers_are_processed_in_turn(estimator):
         (0, "one", b"a2"),
     ]
     with pytest.raises(KeyError):
-        estimator.pop()
+        queue.pop()
 
 
-def test_transport_has_bytes_while_those_of_a_peer_are_queued(estimator):
-    estimator.offer(0, "stranger", b"a")
-    assert [estimator.has_bytes_of(index) for index in (-2, 0, 1)] == [False] * 3
-    estimator.offer(1, "one", b"a")
-    assert [estimator.has_bytes_of(index) for index in (0, 1)] == [False, True]
+def test_transport_has_bytes_while_those_of_a_peer_are_queued(queue):
+    queue.offer(0, "stranger", b"a")
+    assert [queue.has_bytes_of(index) for index in (-2, 0, 1)] == [False] * 3
+    queue.offer(1, "one", b"a")
+    assert [queue.has_bytes_of(index) for index in (0, 1)] == [False, True]
 
 
-def test_bytes_beyond_a_share_are_dropped(estimator):
+def test_bytes_beyond_a_share_are_dropped(queue):
     for _ in range(1000):
-        estimator.offer(0, "one", bytes(1000))
-    estimator.offer(0, "two", b"b")
-    found = taken(estimator)
+        queue.offer(0, "one", bytes(1000))
+    queue.offer(0, "two", b"b")
+    found = pop_all(queue)
     assert sum(len(data) for _, address, data in found if address == "one") == 16_000
     assert (0, "two", b"b") in found[:2]
-    assert estimator.dropped == 1001 - len(found)
-    estimator.offer(0, "one", bytes(3 * MAX_SHARE_BYTES))  # one may always wait
-    estimator.offer(0, "one", b"a")
-    assert len(taken(estimator)) == 1
+    assert queue.dropped == 1001 - len(found)
+    queue.offer(0, "one", bytes(3 * MAX_SHARE_BYTES))  # one piece is queued in any case
+    queue.offer(0, "one", b"a")
+    assert len(pop_all(queue)) == 1
     for size in (MAX_SHARE_BYTES - 1, 1, 1):
-        estimator.offer(0, "one", bytes(size))
-    assert [len(data) for *_, data in taken(estimator)] == [MAX_SHARE_BYTES - 1, 1]
+        queue.offer(0, "one", bytes(size))
+    assert [len(data) for *_, data in pop_all(queue)] == [MAX_SHARE_BYTES - 1, 1]
     for size in (MAX_SHARE_BYTES - 2, 1):
-        estimator.offer(0, "one", bytes(size))
-    estimator.put_back(*estimator.pop())
-    assert len(estimator.pop()[2]) == MAX_SHARE_BYTES - 2
+        queue.offer(0, "one", bytes(size))
+    queue.put_back(*queue.pop())
+    assert len(queue.pop()[2]) == MAX_SHARE_BYTES - 2
     for size in (MAX_SHARE_BYTES - 1, 1):  # one byte is queued
-        estimator.offer(0, "one", bytes(size))
-    assert [len(data) for *_, data in taken(estimator)] == [1, MAX_SHARE_BYTES - 1]
+        queue.offer(0, "one", bytes(size))
+    assert [len(data) for *_, data in pop_all(queue)] == [1, MAX_SHARE_BYTES - 1]
 
 
-def test_rest_of_a_piece_is_processed_before_later_bytes(estimator):
-    estimator.offer(0, "one", b"whole")
-    estimator.offer(0, "one", b"later")
-    index, address, data = estimator.pop()
-    estimator.put_back(index, address, data[2:])
-    assert taken(estimator) == [(0, "one", b"ole"), (0, "one", b"later")]
-    estimator.put_back(0, "two", b"alone")
-    assert taken(estimator) == [(0, "two", b"alone")]
+def test_rest_of_a_piece_is_processed_before_later_bytes(queue):
+    queue.offer(0, "one", b"whole")
+    queue.offer(0, "one", b"later")
+    index, address, data = queue.pop()
+    queue.put_back(index, address, data[2:])
+    assert pop_all(queue) == [(0, "one", b"ole"), (0, "one", b"later")]
+    queue.put_back(0, "two", b"alone")
+    assert pop_all(queue) == [(0, "two", b"alone")]
 
 
 @pytest.mark.parametrize("address", ["station", "a stranger"])
@@ -103,17 +103,17 @@ def test_bytes_after_noise_of_an_unknown_sender_are_ignored(make_rig, of):
     assert of(rig.replies("a stranger"), "PING") == []
 
 
-def test_unknown_senders_have_one_common_share(estimator):
+def test_unknown_senders_have_one_common_share(queue):
     for number in range(1000):
-        estimator.offer(0, number, bytes(1000))
-    estimator.offer(0, "one", b"a")
-    found = taken(estimator)
+        queue.offer(0, number, bytes(1000))
+    queue.offer(0, "one", b"a")
+    found = pop_all(queue)
     assert len(found) == 16 + 1
     assert (0, "one", b"a") in found[:2]
 
 
 def test_station_gets_replies_during_a_flood(make_rig):
-    """A ping is answered soon, whichever peer floods."""
+    """The boat replies soon to a ping while all other peers flood."""
     rig = make_rig(addresses=())
     rig.prove()
     request = rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))

@@ -21,8 +21,8 @@ ROUTE_TIMEOUT_S = 10.0
 BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 
 
-class Voice:
-    """A component of the network at an address."""
+class NetworkComponent:
+    """A component of the network, which sends from an address."""
 
     def __init__(self, rig, address, system, component):
         self.rig, self.address = rig, address
@@ -33,11 +33,11 @@ class Voice:
         self.mav.seq = (self.mav.seq + 1) % 256
         return data
 
-    def say(self, *messages):
+    def send(self, *messages):
         """Send messages; return, by address, the frames of others that the boat passed on."""
-        return self.send(*map(self.frame, messages))
+        return self.send_frames(*map(self.frame, messages))
 
-    def send(self, *frames):
+    def send_frames(self, *frames):
         rig = self.rig
         rig.transport.sent.clear()
         rig.give_silently(b"".join(frames), self.address)
@@ -63,73 +63,80 @@ def net(make_rig):
 
         rig.give_silently = give_silently
         rig.tick()
-        return rig, Voice(rig, "a", 255, 190), Voice(rig, "b", 1, 191), Voice(rig, "c", 254, 190)
+        return (
+            rig,
+            NetworkComponent(rig, "a", 255, 190),
+            NetworkComponent(rig, "b", 1, 191),
+            NetworkComponent(rig, "c", 254, 190),
+        )
 
     return make
 
 
-def command(system, component, number=400):
+def command(system, component, number=mavlink.MAV_CMD_COMPONENT_ARM_DISARM):
     return mavlink.MAVLink_command_long_message(system, component, number, 0, 1, 0, 0, 0, 0, 0, 0)
 
 
 def test_broadcast_is_forwarded_unchanged_to_all_other_peers(net):
     _, station, _, _ = net()
     frame = station.frame(BEAT)
-    assert station.send(frame) == {"b": [frame], "c": [frame]}
+    assert station.send_frames(frame) == {"b": [frame], "c": [frame]}
 
 
 def test_addressed_message_is_forwarded_on_its_route_and_not_executed(net):
     rig, station, companion, _ = net()
-    assert station.say(command(1, 191)) == {}  # no peer knows him yet
-    companion.say(BEAT)
-    assert station.say(command(1, 192), command(2, 191)) == {}
+    assert station.send(command(1, 191)) == {}  # there is no route to it yet
+    companion.send(BEAT)
+    assert station.send(command(1, 192), command(2, 191)) == {}
     frame = station.frame(command(1, 191))
-    assert station.send(frame) == {"b": [frame]}
+    assert station.send_frames(frame) == {"b": [frame]}
     assert rig.request_handler.intents == []
-    frame = companion.frame(mavlink.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190))
-    assert companion.send(frame) == {"a": [frame]}
+    frame = companion.frame(
+        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 255, 190)
+    )
+    assert companion.send_frames(frame) == {"a": [frame]}
 
 
 def test_message_to_the_boat_is_not_forwarded_unless_to_all_components(net):
     rig, station, companion, _ = net()
-    companion.say(BEAT)
-    assert station.say(command(1, 1)) == {}
+    companion.send(BEAT)
+    assert station.send(command(1, 1)) == {}
     assert len(rig.request_handler.intents) == 1
     frame = station.frame(command(1, 0))
-    assert station.send(frame) == {"b": [frame]}
+    assert station.send_frames(frame) == {"b": [frame]}
     assert len(rig.request_handler.intents) == 2
 
 
 def test_looped_frame_is_not_forwarded_again(net):
     rig, station, companion, other = net()
     frame = station.frame(BEAT)
-    station.send(frame)
-    assert other.send(frame) == {}  # by a strange way
-    assert station.send(frame) == {}  # by its own: the same bytes
+    station.send_frames(frame)
+    assert other.send_frames(frame) == {}  # from another peer than the route to the sender
+    assert station.send_frames(frame) == {}  # from its own peer, but the same bytes
     rig.now_s += DUPLICATE_S
-    assert station.send(frame) == {}
+    assert station.send_frames(frame) == {}
     rig.now_s += 0.1
-    assert other.send(frame) == {}
-    assert station.send(frame) == {"b": [frame], "c": [frame]}
-    assert companion.say(BEAT)
-    assert station.say(BEAT)
+    assert other.send_frames(frame) == {}
+    assert station.send_frames(frame) == {"b": [frame], "c": [frame]}
+    assert companion.send(BEAT)
+    assert station.send(BEAT)
 
 
 def test_own_looped_frame_is_not_forwarded(net):
     rig, _, _, _ = net()
-    echo = Voice(rig, "c", 1, 1)
-    assert echo.say(BEAT) == {}
+    echo = NetworkComponent(rig, "c", 1, 1)
+    assert echo.send(BEAT) == {}
 
 
 def test_route_changes_after_silence_of_the_sender(net):
     rig, station, companion, _ = net()
-    companion.say(BEAT)
-    moved = Voice(rig, "c", 1, 191)
+    companion.send(BEAT)
+    moved = NetworkComponent(rig, "c", 1, 191)
     moved.mav.seq = 50
-    assert moved.say(BEAT) == {}
+    assert moved.send(BEAT) == {}
     rig.now_s += ROUTE_TIMEOUT_S
-    assert set(moved.say(BEAT)) == {"a", "b"}
-    assert set(station.say(command(1, 191))) == {"c"}
+    assert set(moved.send(BEAT)) == {"a", "b"}
+    assert set(station.send(command(1, 191))) == {"c"}
 
 
 @pytest.mark.parametrize(
@@ -147,14 +154,14 @@ def test_route_changes_after_silence_of_the_sender(net):
 )
 def test_only_routed_links_and_commanders_are_forwarded(net, options, routed):
     _, station, _, _ = net(options=options)
-    assert bool(station.say(BEAT)) is routed
+    assert bool(station.send(BEAT)) is routed
 
 
 def test_routing_overload_is_limited_and_reported(net):
     rig, station, _, _ = net()
 
     def send(count, address="b"):
-        return len(station.say(*[BEAT] * count).get(address, ()))
+        return len(station.send(*[BEAT] * count).get(address, ()))
 
     assert send(150) == MAX_BURST
     rig.now_s += 0.1
@@ -162,16 +169,16 @@ def test_routing_overload_is_limited_and_reported(net):
     rig.now_s += 10.0
     assert (send(2), send(2, "c")) == (2, 2)
     for component in range(8):
-        Voice(rig, "a", 255, component).say(*[BEAT] * 150)
+        NetworkComponent(rig, "a", 255, component).send(*[BEAT] * 150)
     assert len(rig.endpoint._router._recent_frames) == 1024
 
 
 def test_blocked_peer_gets_the_first_32_routed_messages(net):
     rig, station, companion, _ = net()
-    companion.say(BEAT)
+    companion.send(BEAT)
     rig.transport.is_writable = False
     frames = [station.frame(command(1, 191)) for _ in range(40)]
-    assert station.send(*frames) == {}
+    assert station.send_frames(*frames) == {}
     rig.transport.is_writable = True
     rig.endpoint.service(rig.now_s, [])
     sent = b"".join(data for to, data in rig.transport.sent if to == "b")
@@ -181,10 +188,10 @@ def test_blocked_peer_gets_the_first_32_routed_messages(net):
 def test_frames_of_an_unproven_peer_are_not_routed(net):
     rig, _, _, other = net()
     other.address = "stranger"
-    assert set(other.say(BEAT)) <= {"stranger"}
-    assert set(other.say(BEAT)) >= {"a", "b", "c"}  # it is proven by its second frame
+    assert set(other.send(BEAT)) <= {"stranger"}
+    assert set(other.send(BEAT)) >= {"a", "b", "c"}  # it is proven by its second frame
     rig.tick(seconds=10.1)
-    passed = Voice(rig, "a", 255, 190).say(BEAT)
+    passed = NetworkComponent(rig, "a", 255, 190).send(BEAT)
     assert "stranger" not in passed  # it must prove its address again
     assert set(passed) == {"b", "c"}
 
@@ -192,7 +199,7 @@ def test_frames_of_an_unproven_peer_are_not_routed(net):
 def test_number_of_routes_is_limited(net):
     rig, _, _, _ = net()
     for number in range(3 * MAX_ROUTES):
-        Voice(rig, "a", 2 + number // 200, 1 + number % 200).say(BEAT)
+        NetworkComponent(rig, "a", 2 + number // 200, 1 + number % 200).send(BEAT)
     assert len(rig.endpoint._router._routes) == MAX_ROUTES
 
 
@@ -211,7 +218,7 @@ def test_target_address_equals_that_of_pymavlink():
 def test_target_in_omitted_zeros_is_all_systems():
     ping = mavlink.MAVLink_ping_message(1, 0x01000000, 0, 0).pack(mavlink.MAVLink(None))
     assert ping[1] == 12  # the target would be the next byte
-    assert routing._target(Frame(4, ping)) == (0, 0)
+    assert routing._target(Frame(mavlink.MAVLINK_MSG_ID_PING, ping)) == (0, 0)
 
 
 def _frame(number, payload, seed):
@@ -221,15 +228,15 @@ def _frame(number, payload, seed):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 255), st.integers(0, 255)), max_size=12))
-def test_no_frame_returns_to_its_sender_or_is_forwarded_twice(net, voices):
+def test_no_frame_returns_to_its_sender_or_is_forwarded_twice(net, senders):
     rig, *_ = net()
-    for address, system, component in voices:
-        voice = Voice(rig, address, system, component)
-        frame = voice.frame(BEAT)
-        passed = voice.send(frame)
+    for address, system, component in senders:
+        sender = NetworkComponent(rig, address, system, component)
+        frame = sender.frame(BEAT)
+        passed = sender.send_frames(frame)
         assert address not in passed
         assert all(frames == [frame] for frames in passed.values())
-        assert voice.send(frame) == {}
+        assert sender.send_frames(frame) == {}
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.parameter_table import TABLE
 
 SYSTEM_AND_COMPONENT = (1, 1)
+TIMESYNC = mavlink.mavlink_map[mavlink.MAVLINK_MSG_ID_TIMESYNC]
 SHELL = mavlink.SERIAL_CONTROL_DEV_SHELL
 
 
@@ -51,7 +52,7 @@ def test_addressed_ping_gets_one_reply(rig):
     for system in range(1, 251):
         rig.station.srcSystem = system
         rig.send(mavlink.MAVLink_ping_message(1, 1, 1, 1))
-    assert len(rig.endpoint._handlers[4].__self__._latest_pings) == 32
+    assert len(rig.endpoint._handlers[mavlink.MAVLINK_MSG_ID_PING].__self__._latest_pings) == 32
 
 
 def test_two_stations_with_equal_ping_numbers_get_replies(make_rig):
@@ -74,12 +75,12 @@ def test_only_the_time_of_a_ground_station_is_offered(rig):
 
 def test_timesync_reply_contains_both_times(rig):
     rig.now_s = 2.5
-    (reply,) = rig.send(mavlink.mavlink_map[111](0, -(2**63), 1, 1))
+    (reply,) = rig.send(TIMESYNC(0, -(2**63), 1, 1))
     assert (reply.tc1, reply.ts1, reply.target_system, reply.target_component) == (2_500_000_000, -(2**63), 255, 190)
 
 
 def test_timesync_replies_and_foreign_requests_are_ignored(rig):
-    assert rig.send(mavlink.mavlink_map[111](5, 1, 0, 0), mavlink.mavlink_map[111](0, 1, 2, 1)) == []
+    assert rig.send(TIMESYNC(5, 1, 0, 0), TIMESYNC(0, 1, 2, 1)) == []
 
 
 @pytest.mark.parametrize(("utc_s", "is_offered"), [(0.0, False), (1.0, True), (9.99e10, True), (1.01e11, False)])
@@ -89,19 +90,24 @@ def test_impossible_time_of_a_ground_station_is_not_offered(rig, utc_s, is_offer
     assert bool(rig.offered_utc) is is_offered
 
 
-def typed(device=SHELL, flags=mavlink.SERIAL_CONTROL_FLAG_RESPOND, text=b"help\n"):
+def shell_input(device=SHELL, flags=mavlink.SERIAL_CONTROL_FLAG_RESPOND, text=b"help\n"):
     return mavlink.MAVLink_serial_control_message(device, flags, 0, 0, len(text), list(text.ljust(70, b"\0")))
 
 
 def test_console_input_gets_the_reply_that_there_is_no_shell(rig):
-    (answer,) = rig.send(typed())
-    assert (answer.device, answer.flags, answer.timeout, answer.baudrate) == (SHELL, 1, 0, 0)
+    (answer,) = rig.send(shell_input())
+    assert (answer.device, answer.flags, answer.timeout, answer.baudrate) == (
+        SHELL,
+        mavlink.SERIAL_CONTROL_FLAG_REPLY,
+        0,
+        0,
+    )
     assert bytes(answer.data[: answer.count]) == b"no shell over MAVLink; log in by ssh\r\n"
 
 
 @pytest.mark.parametrize(
-    "more",
+    "changes",
     [{"device": mavlink.SERIAL_CONTROL_DEV_GPS1}, {"flags": mavlink.SERIAL_CONTROL_FLAG_REPLY}, {"text": b""}],
 )
-def test_console_reply_is_not_answered(rig, more):
-    assert rig.send(typed(**more)) == []
+def test_other_serial_control_messages_get_no_reply(rig, changes):
+    assert rig.send(shell_input(**changes)) == []

@@ -30,7 +30,7 @@ class Boat:
     def __init__(self, content=b"", key=KEY, damage=""):
         self.utc_s = UTC_S
         self.saved = [content]
-        self.both = []  # whether nothing of what was before may be left
+        self.both = []  # of each saved content: whether both slots had to be written
         self.signing = Signing(lambda: self.utc_s, self.save)
         assert self.signing.restore(Stored(content, damage)) is not KeyState.LOST
         if not content and key:
@@ -77,9 +77,9 @@ def test_timestamp_counts_10_us_since_2015_for_70_years(utc_s, timestamp):
 
 def test_any_changed_bit_invalidates_the_signature():
     frame = Station().ping()
-    for place in range(len(frame) * 8):
+    for bit in range(len(frame) * 8):
         broken = bytearray(frame)
-        broken[place // 8] ^= 1 << place % 8
+        broken[bit // 8] ^= 1 << bit % 8
         assert not Boat().signing.verify(bytes(broken))
 
 
@@ -89,7 +89,7 @@ def test_forged_future_timestamp_is_ignored():
     assert not boat.signing.verify(forger.ping(at=2**48 - 1))
     assert not boat.signing.verify(forger.ping(at=MAX_TIMESTAMP))
     assert boat.signing.verify(station.ping())
-    # Nor on a stream that has not been heard before, nor by what the boat sends.
+    # It affects neither a new stream nor the timestamps of the boat.
     assert boat.signing.verify(Station(link=9).ping())
     sealed = LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert int.from_bytes(sealed[-12:-6], "little") < NOW + UNITS_HZ
@@ -144,7 +144,7 @@ def test_own_timestamps_increase_from_the_newest():
     assert stamped() == NOW + UNITS_HZ
     boat.utc_s -= 1000.0  # the clock was set back
     assert stamped() == NOW + UNITS_HZ + 1
-    assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # someone whose clock is ahead
+    assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # a station whose clock is ahead
     assert stamped() == NOW + 10**8 + 1
     boat.utc_s = 0.0
     assert boat.restarted().signing.has_key
@@ -153,14 +153,14 @@ def test_own_timestamps_increase_from_the_newest():
 
 
 @pytest.mark.parametrize("utc_s", [4.3e9, 9.2e9, 1e18, 1e300, float("inf"), float("nan"), -1e18])
-def test_implausible_clock_gives_timestamp_zero(utc_s):
+def test_implausible_clock_is_not_used_for_timestamps(utc_s):
     boat, peer = Boat(), Station()
     assert boat.signing.verify(peer.ping())
     boat.utc_s = utc_s
     sealer = LinkSealer(boat.signing, 1)
     frame = sealer.seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert int.from_bytes(frame[-12:-6], "little") == NOW + 1
-    # No peer else is locked out by it either.
+    # No other peer is locked out.
     assert boat.signing.verify(Station(link=4).ping())
     assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + STORED_LEAD))
 
@@ -249,7 +249,7 @@ def test_setting_the_same_key_keeps_the_timestamps():
 
 def test_new_key_replaces_the_old_one_and_its_streams():
     boat = Boat()
-    assert boat.signing.verify(Station().ping(at=MAX_TIMESTAMP))  # a clock gone mad
+    assert boat.signing.verify(Station().ping(at=MAX_TIMESTAMP))  # a station with a wrong clock
     assert not boat.signing.verify(Station(link=4).ping())
     assert boat.signing.set_key(OTHER_KEY, NOW)
     assert boat.both[-1]
@@ -308,11 +308,11 @@ def test_key_is_absent_only_without_damage(content, damage, state, problem):
 def test_outdated_record_accepts_no_replay_on_a_missing_stream():
     boat, packed = Boat(), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     LinkSealer(boat.signing, 0).seal(packed, 0)
-    heard_later = Station(link=9).ping(at=NOW + UNITS_HZ)
-    assert boat.restarted().signing.verify(heard_later)
+    received_later = Station(link=9).ping(at=NOW + UNITS_HZ)
+    assert boat.restarted().signing.verify(received_later)
     again = boat.restarted(damage="signing.key.0 is damaged")
     assert again.signing.has_key
-    assert not again.signing.verify(heard_later)
+    assert not again.signing.verify(received_later)
     station = Station(link=9)
     station.mav.decode(bytearray(LinkSealer(again.signing, 0).seal(packed, 0)))
     assert again.signing.verify(station.ping())
@@ -375,13 +375,13 @@ MESSAGES = st.one_of(
 def test_signatures_equal_those_of_pymavlink(message, key, link, sequence, data):
     timestamp = data.draw(st.integers(NOW + 1, MAX_TIMESTAMP))
     boat = Boat(key=key)
-    # Ours: one more than what was used last.
+    # The boat uses the next timestamp.
     boat.signing.set_key(key, timestamp - 1)
     ours = LinkSealer(boat.signing, link).seal(Codec(1, 1).pack(copy.copy(message)), sequence)
     theirs = Station(key, timestamp, link, 1, 1)
     theirs.mav.seq = sequence
     assert ours == message.pack(theirs.mav)
-    # Theirs, heard by us; ours, heard by them.
+    # Both accept the frame.
     assert Boat(key=key).signing.verify(ours)
-    hearer = Station(key, NOW, link)
-    assert hearer.mav.decode(bytearray(ours)).get_msgbuf() == ours
+    receiver = Station(key, NOW, link)
+    assert receiver.mav.decode(bytearray(ours)).get_msgbuf() == ours

@@ -4,6 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.reports import Home
+from firmware_py.plans.items import Command
 
 PROTOCOL = {f"MISSION_{name}" for name in ("ACK", "REQUEST", "REQUEST_INT", "ITEM", "ITEM_INT", "COUNT")}
 HOME = Home(0.6, 2.1, 3.5)
@@ -35,7 +36,18 @@ class PlanStation:
         return self.protocol(self.rig.ticks(count))
 
     @staticmethod
-    def item(sequence, command=16, *, kind=0, frame=6, x=None, y=1_210_000_000, z=0.0, params=(0.0,) * 4, current=0):
+    def item(
+        sequence,
+        command=Command.WAYPOINT,
+        *,
+        kind=0,
+        frame=6,
+        x=None,
+        y=1_210_000_000,
+        z=0.0,
+        params=(0.0,) * 4,
+        current=0,
+    ):
         """A MISSION_ITEM_INT; by default a waypoint whose latitude contains its number."""
         x = 360_000_000 + sequence if x is None else x
         header = (1, 1, sequence, frame, command, current, 1)

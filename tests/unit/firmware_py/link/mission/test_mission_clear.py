@@ -4,6 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.plan import PlanKind
+from firmware_py.plans.items import Command
 from firmware_py.plans.validation import PlanResult
 from support.plan_station import acks, circle, clear_message, count_message, exchange_as_other, partial_message
 
@@ -20,7 +21,7 @@ from support.plan_station import acks, circle, clear_message, count_message, exc
 def test_clear_removes_the_plans_of_its_type(station, texts, mission_type, remaining, name):
     station.upload(station.mission(1))
     station.upload([circle(station)], 1)
-    station.upload([station.item(0, 5100, kind=2)], 2)
+    station.upload([station.item(0, Command.RALLY_POINT, kind=2)], 2)
     replies = station.rig.send(clear_message(mission_type))
     (ack,) = station.protocol(replies)
     assert (ack.type, ack.mission_type, ack.opaque_id) == (0, mission_type, 0)

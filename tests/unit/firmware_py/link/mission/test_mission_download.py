@@ -12,9 +12,10 @@ from firmware_py.common.intents import Answer, SetMissionItem, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.reports import MissionReport, MissionState
-from firmware_py.plans.items import TABLE
+from firmware_py.plans.items import TABLE, Command
 from firmware_py.plans.validation import PlanResult
 
+INVALID, NO_SPACE = PlanResult.INVALID_SEQUENCE, PlanResult.NO_SPACE
 ACTIVE = MissionReport(MissionState.ACTIVE, 1, 3, (), (11, 22, 33))
 BOTH_IDENTITIES = pytest.mark.parametrize("identity", [0, 3])
 
@@ -36,14 +37,14 @@ def test_home_is_readable_without_a_mission(station, home, is_int):
     """DroneKit reads it in this way."""
     assert station.request_list().count == 0
     item = station.read(0, is_int=is_int)
-    assert (item.seq, item.command, item.z) == (0, 16, home.altitude_m)
+    assert (item.seq, item.command, item.z) == (0, Command.WAYPOINT, home.altitude_m)
 
 
 @BOTH_IDENTITIES
 def test_download_returns_the_uploaded_items(make_station, identity):
     station = make_station(identity=identity)
     home = station.home_count
-    jump = station.item(3 + home, 177, frame=2, params=(float(home), 5.0, math.nan, 0.0))
+    jump = station.item(3 + home, Command.JUMP, frame=2, params=(float(home), 5.0, math.nan, 0.0))
     items = [*station.mission(3), jump]
     ack = station.upload(items)
     assert station.request_list().opaque_id == ack.opaque_id
@@ -53,7 +54,7 @@ def test_download_returns_the_uploaded_items(make_station, identity):
 def test_item_0_is_home_or_0_0_without_home(station, home):
     station.upload(station.mission(1))
     item = station.download()[0]
-    assert (item.command, item.frame, item.z) == (16, 0, home.altitude_m)
+    assert (item.command, item.frame, item.z) == (Command.WAYPOINT, 0, home.altitude_m)
     assert item.x == round(math.degrees(home.latitude_rad) * 1e7)
     assert item.y == round(math.degrees(home.longitude_rad) * 1e7)
     station.rig.tick(home=None)
@@ -61,7 +62,7 @@ def test_item_0_is_home_or_0_0_without_home(station, home):
 
 
 def test_mission_request_gets_items_in_degrees(station):
-    station.upload([*station.mission(1), station.item(2, 177, frame=2, x=7, y=-7, params=(1.0, 1.0, 0, 0))])
+    station.upload([*station.mission(1), station.item(2, Command.JUMP, frame=2, x=7, y=-7, params=(1.0, 1.0, 0, 0))])
     _, waypoint, jump = station.download(is_int=False)
     assert (waypoint.x, waypoint.y) == (pytest.approx(36.0000001, abs=2e-6), pytest.approx(121.0, abs=4e-6))
     assert (jump.x, jump.y, jump.param1) == (7.0, -7.0, 1.0)
@@ -104,7 +105,13 @@ def test_part_of_the_list(station):
     assert [item.seq for item in read_part(3, 5)] == [3, 4, 5]
     assert [item.seq for item in read_part(19, -1)] == [19, 20]
     assert [item.seq for item in read_part(0, 15)] == list(range(16))
-    for first, last, result in ((5, 3, 13), (-2, 3, 13), (0, 21, 13), (0, 16, 4), (0, -1, PlanResult.NO_SPACE)):
+    for first, last, result in (
+        (5, 3, INVALID),
+        (-2, 3, INVALID),
+        (0, 21, INVALID),
+        (0, 16, NO_SPACE),
+        (0, -1, NO_SPACE),
+    ):
         assert read_part(first, last)[0].type == result
 
 
@@ -146,13 +153,13 @@ def test_mission_current_is_sent_at_once_after_a_change(make_station, identity):
     station = make_station(identity=identity)
     (report,) = current_reports(station, mission=ACTIVE, mode=Mode.AUTO)
     assert (report.seq, report.total) == (1 + station.home_count, 3)
-    assert (report.mission_state, report.mission_mode) == (3, 1)
+    assert (report.mission_state, report.mission_mode) == (3, 1)  # active, in mission mode
     assert (report.mission_id, report.fence_id, report.rally_points_id) == (11, 22, 33)
     assert current_reports(station, mission=ACTIVE) == []
     (report,) = current_reports(station, mission=replace(ACTIVE, index=2))
-    assert (report.seq, report.mission_mode) == (2 + station.home_count, 2)
+    assert (report.seq, report.mission_mode) == (2 + station.home_count, 2)  # suspended: not in AUTO
     (report,) = current_reports(station)  # without a mission
-    assert (report.seq, report.total, report.mission_state) == (0, 65535, 1)
+    assert (report.seq, report.total, report.mission_state) == (0, 65535, 1)  # number of items unknown, no mission
 
 
 @BOTH_IDENTITIES

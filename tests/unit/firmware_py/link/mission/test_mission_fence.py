@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.plans.items import Command
 
 
 def square_fence(station, half_side=1_000):
@@ -10,7 +11,10 @@ def square_fence(station, half_side=1_000):
     corners = ((1, 1), (1, -1), (-1, -1), (-1, 1))
     places = [(360_000_000 + x * half_side, 1_210_000_000 + y * half_side) for x, y in corners]
     params = (4.0, 0.0, 0.0, 0.0)
-    return [station.item(n, 5001, kind=1, frame=0, x=x, y=y, params=params) for n, (x, y) in enumerate(places)]
+    return [
+        station.item(n, Command.INCLUDED_VERTEX, kind=1, frame=0, x=x, y=y, params=params)
+        for n, (x, y) in enumerate(places)
+    ]
 
 
 WARNING = "Mission item {} is 11 m outside the fence"
@@ -41,10 +45,18 @@ def test_several_items_outside_the_fence_are_reported_in_one_text(station, texts
 
 def test_checks_of_a_large_fence_are_distributed_over_ticks(station, texts):
     """A tick checks about 500 corners, or the whole fence once."""
-    corners = [PlanItem(5004, 0, True, (1.0, 0.0, 0.0, 0.0), 370_000_000 + n, 1_210_000_000) for n in range(999)]
+    corners = [
+        PlanItem(Command.EXCLUDED_CIRCLE, 0, True, (1.0, 0.0, 0.0, 0.0), 370_000_000 + n, 1_210_000_000)
+        for n in range(999)
+    ]
     station.handler.stored_plans = Plans(
-        Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=360_002_000, y=1_210_000_000 + n) for n in range(20)]),
-        Plan.of(PlanKind.FENCE, [*corners, PlanItem(5003, 0, True, (11.1, 0, 0, 0), 360_000_000, 1_210_000_000)]),
+        Plan.of(
+            PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=360_002_000, y=1_210_000_000 + n) for n in range(20)]
+        ),
+        Plan.of(
+            PlanKind.FENCE,
+            [*corners, PlanItem(Command.INCLUDED_CIRCLE, 0, True, (11.1, 0, 0, 0), 360_000_000, 1_210_000_000)],
+        ),
     )
     reported = [len(texts(station.rig.tick())) for _ in range(50)]
     assert (reported.index(1), sum(reported)) == (40, 1)  # 20 items, 20 legs

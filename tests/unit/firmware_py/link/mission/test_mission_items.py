@@ -6,9 +6,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.mission.items import DuplicateMessages, item_of
+from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
-WAYPOINT, DELAY, JUMP = 16, 112, 177
+WAYPOINT, DELAY, JUMP = Command.WAYPOINT, Command.CONDITION_DELAY, Command.JUMP
 
 
 def old_item(command, x, y):

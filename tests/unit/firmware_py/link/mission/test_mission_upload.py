@@ -8,9 +8,11 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
+from firmware_py.plans.items import Command
 from firmware_py.plans.validation import PlanResult
 from support.plan_station import ack_message, acks, clear_message, count_message, exchange_as_other, partial_message
 
+INVALID_X, INVALID_Y = PlanResult.INVALID_PARAM5_X, PlanResult.INVALID_PARAM6_Y
 BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 RADIO = {"byte_rate": 5760.0, "has_radio_rates": True, "is_datagram": False}
 BOTH_IDENTITIES = pytest.mark.parametrize("identity", [0, 3])
@@ -28,11 +30,15 @@ def test_upload_replaces_the_mission_and_does_not_set_home(make_station, identit
 
 def test_all_fields_of_an_item_are_stored(station):
     params = (1.5, math.nan, -20.0, 4.0)
-    station.upload([station.item(0), station.item(1, 17, frame=3, x=-5, y=7, z=2.5, params=params)])
-    assert repr(station.handler.plans().mission.items) == repr((PlanItem(17, 3, True, params, -5, 7, 2.5),))
+    station.upload(
+        [station.item(0), station.item(1, Command.LOITER_UNLIMITED, frame=3, x=-5, y=7, z=2.5, params=params)]
+    )
+    assert repr(station.handler.plans().mission.items) == repr(
+        (PlanItem(int(Command.LOITER_UNLIMITED), 3, True, params, -5, 7, 2.5),)
+    )
 
 
-@pytest.mark.parametrize(("kind", "command"), [(1, 5003), (2, 5100)])
+@pytest.mark.parametrize(("kind", "command"), [(1, Command.INCLUDED_CIRCLE), (2, Command.RALLY_POINT)])
 def test_fence_and_rally_points_have_no_home(station, kind, command):
     items = [station.item(sequence, command, kind=kind, params=(50.0, 0, 0, 0)) for sequence in range(3)]
     assert station.upload(items, kind).type == 0
@@ -41,7 +47,7 @@ def test_fence_and_rally_points_have_no_home(station, kind, command):
 
 
 def old_item(sequence, frame, x, y):
-    return mavlink.MAVLink_mission_item_message(1, 1, sequence, frame, 16, 0, 1, 0, 0, 0, 0, x, y, 0)
+    return mavlink.MAVLink_mission_item_message(1, 1, sequence, frame, Command.WAYPOINT, 0, 1, 0, 0, 0, 0, x, y, 0)
 
 
 def test_mission_item_with_degrees_is_accepted(station):
@@ -53,7 +59,10 @@ def test_mission_item_with_degrees_is_accepted(station):
     assert (item.x, item.y) == (362_500_000, -1_215_000_000)
 
 
-@pytest.mark.parametrize(("x", "y", "result"), [(math.nan, 0, 10), (0, math.inf, 11), (1e30, 0, 10), (214.8, 0, 10)])
+@pytest.mark.parametrize(
+    ("x", "y", "result"),
+    [(math.nan, 0, INVALID_X), (0, math.inf, INVALID_Y), (1e30, 0, INVALID_X), (214.8, 0, INVALID_X)],
+)
 def test_coordinate_out_of_range_is_refused(station, x, y, result):
     station.upload(station.mission(1))
     station.count(2)
@@ -86,7 +95,7 @@ def test_home_alone_is_an_empty_mission(station):
     [
         *(
             ({"frame": frame, "command": command}, count, "First waypoint is taken as home and skipped")
-            for frame, command in ((6, 16), (3, 16), (0, 19))
+            for frame, command in ((6, Command.WAYPOINT), (3, Command.WAYPOINT), (0, Command.LOITER_TIME))
             for count in (0, 2)
         ),
         *(({"x": x, "y": y}, 2, "First waypoint is taken as home and skipped") for x, y in ((0, 7), (7, 0))),
@@ -98,7 +107,7 @@ def test_home_alone_is_an_empty_mission(station):
                 {"frame": 0},
                 {"frame": 5, "x": 7},
                 {"frame": 6, "x": 0, "y": 0},
-                {"frame": 2, "x": 0, "y": 0, "command": 178},
+                {"frame": 2, "x": 0, "y": 0, "command": Command.CHANGE_SPEED},
             )
         ),
     ],
@@ -122,7 +131,7 @@ def test_number_of_items_is_limited(make_station, identity):
 @BOTH_IDENTITIES
 def test_jump_targets_are_stored_without_home(make_station, identity):
     station = make_station(identity=identity)
-    jump = station.item(2 + station.home_count, 177, frame=2, params=(float(station.home_count), -1.0, 0, 0))
+    jump = station.item(2 + station.home_count, Command.JUMP, frame=2, params=(float(station.home_count), -1.0, 0, 0))
     assert station.upload([*station.mission(2), jump]).type == 0
     assert station.handler.plans().mission.items[2].params == (0.0, -1.0, 0.0, 0.0)
 
@@ -131,8 +140,16 @@ def test_jump_targets_are_stored_without_home(make_station, identity):
     ("fields", "result", "reason"),
     [
         ({"command": 21}, PlanResult.UNSUPPORTED, "command 21 is not known"),
-        ({"command": 177, "frame": 2, "params": (0.0, 1.0, 0, 0)}, PlanResult.INVALID_PARAM1, "param1 is home"),
-        ({"command": 177, "frame": 2, "params": (7.0, 1.0, 0, 0)}, PlanResult.INVALID_PARAM1, "does not exist"),
+        (
+            {"command": Command.JUMP, "frame": 2, "params": (0.0, 1.0, 0, 0)},
+            PlanResult.INVALID_PARAM1,
+            "param1 is home",
+        ),
+        (
+            {"command": Command.JUMP, "frame": 2, "params": (7.0, 1.0, 0, 0)},
+            PlanResult.INVALID_PARAM1,
+            "does not exist",
+        ),
     ],
     ids=["unknown command", "jump to home", "jump beyond the end"],
 )
@@ -244,7 +261,7 @@ def test_requests_by_satellite_have_long_intervals(make_station, link):
     [(RADIO, 1.0, 5), (RADIO, 3.0, 5), (RADIO, 6.0, 5), (RADIO, 12.0, 6), ({}, 6.0, 9)],
 )
 def test_requests_are_not_repeated_within_a_long_round_trip(make_station, link, round_trip_s, max_repeats):
-    """The round trip is longer than the first interval. Every request gets a reply, so the first item arrives often."""
+    """The round trip is longer than the first interval, so the first item is requested and sent several times."""
     station = make_station(**link)
     items, requested, in_transit = station.mission(20), [], []
     replies = station.count(len(items))
@@ -308,7 +325,7 @@ def test_station_restarts_its_upload(station):
     assert station.places() == [101, 102, 103]
 
 
-@pytest.mark.parametrize("result", [15, 1])
+@pytest.mark.parametrize("result", [PlanResult.OPERATION_CANCELLED, PlanResult.ERROR])
 def test_station_cancels_its_upload(station, result):
     station.upload(station.mission(1))
     station.count(3)
@@ -353,7 +370,7 @@ def test_second_station_is_refused_during_an_upload(station):
     for message in (count_message(3), clear_message(), clear_message(255), partial_message(0, 1), station.item(1)):
         (ack,) = exchange_as_other(station, message)
         assert (ack.type, ack.target_system) == (PlanResult.DENIED, 254)
-    assert exchange_as_other(station, ack_message(15)) == []  # it cannot cancel
+    assert exchange_as_other(station, ack_message(PlanResult.OPERATION_CANCELLED)) == []  # it cannot cancel
     (request,) = exchange_as_other(station, count_message(1, 2))  # other plan types are free
     assert request.get_type() == "MISSION_REQUEST_INT"
     station.exchange(station.item(1))
@@ -419,7 +436,10 @@ def test_two_stations_with_one_system_id_do_not_mix_their_uploads(station):
     replies = exchange_as_duplicate(station, count_message(4), items[2], items[3])
     assert replies["station"] == []
     assert acks(replies["duplicate"]) == [PlanResult.DENIED] * 3
-    assert exchange_as_duplicate(station, ack_message(15)) == {"station": [], "duplicate": []}
+    assert exchange_as_duplicate(station, ack_message(PlanResult.OPERATION_CANCELLED)) == {
+        "station": [],
+        "duplicate": [],
+    }
     assert acks(station.exchange(station.item(2), station.item(3))) == [0]
     assert station.places() == [1, 2, 3]
     # The acknowledgement is repeated only to the station that has uploaded.

@@ -10,13 +10,13 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
+from firmware_py.link.files.payload import Opcode
 from firmware_py.link.mission import plan_file
 from firmware_py.link.mission.items import new_plan_text
 from firmware_py.link.mission.plan_file import unpack
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
-TERMINATE, OPEN_READ, READ, CREATE, WRITE, CHECKSUM = 1, 4, 5, 6, 7, 14
 MISSION = "@MISSION/mission.dat"
 ITEM = mavlink.MAVLink_mission_item_int_message
 
@@ -66,14 +66,14 @@ def test_refused_file_keeps_the_old_plan_and_gives_the_reason(ftp_station, stati
     assert client.put(MISSION, encode(items)).ok
     plans = station.handler.plans()
     items[2] = station.item(2, command=9999)
-    client.ask(CREATE, MISSION)
-    client.ask(WRITE, encode(items))
-    replies = station.rig.send(client.request(TERMINATE))
+    client.ask(Opcode.CREATE, MISSION)
+    client.ask(Opcode.WRITE, encode(items))
+    replies = station.rig.send(client.request(Opcode.TERMINATE))
     assert any(text.startswith("@MISSION/mission.dat: item 2: ") for text in texts(replies))
     assert station.handler.plans() == plans
 
 
-TWO = [ITEM(0, 0, number, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0, 1)]
+TWO = [ITEM(0, 0, number, 6, Command.WAYPOINT, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0, 1)]
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ TWO = [ITEM(0, 0, number, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0,
         (encode(TWO, count=2002), "at most"),
         (encode([TWO[0], TWO[0]]), "is numbered 0"),
         (encode([TWO[0], ITEM(0, 0, 1, 6, 21, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0)]), "command 21 is not known"),
-        (encode([TWO[0], ITEM(0, 0, 1, 2, 177, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0)]), "param1 is home"),
+        (encode([TWO[0], ITEM(0, 0, 1, 2, Command.JUMP, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0)]), "param1 is home"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -102,7 +102,9 @@ def test_invalid_file_is_refused(content, reason):
 
 
 def test_first_item_is_part_of_a_plan_without_home():
-    assert unpack(encode(TWO), PlanKind.MISSION, 0) == Plan.of(PlanKind.MISSION, [PlanItem(16, 6, True, x=1, y=1)] * 2)
+    assert unpack(encode(TWO), PlanKind.MISSION, 0) == Plan.of(
+        PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 6, True, x=1, y=1)] * 2
+    )
 
 
 def test_worker_thread_encodes_and_validates_plans(stored, station, monkeypatch):
@@ -132,13 +134,13 @@ def test_worker_thread_encodes_and_validates_plans(stored, station, monkeypatch)
         return replies[0].data
 
     try:
-        ask(CREATE, MISSION)
-        ask(WRITE, encode(station.mission(2)))
-        ask(TERMINATE)
+        ask(Opcode.CREATE, MISSION)
+        ask(Opcode.WRITE, encode(station.mission(2)))
+        ask(Opcode.TERMINATE)
         assert len(rig.request_handler.plans().of(PlanKind.MISSION).items) == 2
-        checksum = ask(CHECKSUM, MISSION)
-        ask(OPEN_READ, MISSION)
-        content = ask(READ, offset=0, size=239)
+        checksum = ask(Opcode.CHECKSUM, MISSION)
+        ask(Opcode.OPEN_READ, MISSION)
+        content = ask(Opcode.READ, offset=0, size=239)
         assert decode(content)[0] == (0x763D, 0, 0, 0, 3)
         assert int.from_bytes(checksum, "little") == mavlink_crc32(content)
     finally:
@@ -148,18 +150,18 @@ def test_worker_thread_encodes_and_validates_plans(stored, station, monkeypatch)
 
 def test_new_plan_is_reported_to_all_stations(ftp_station, station, texts):
     client = ftp_station(station.rig)
-    client.ask(CREATE, MISSION)
-    client.ask(WRITE, encode(station.mission(3)))
-    assert texts(station.rig.send(client.request(TERMINATE))) == ["New mission: items 1 to 3"]
+    client.ask(Opcode.CREATE, MISSION)
+    client.ask(Opcode.WRITE, encode(station.mission(3)))
+    assert texts(station.rig.send(client.request(Opcode.TERMINATE))) == ["New mission: items 1 to 3"]
 
 
 @pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
 def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, station, texts, reason, text):
     client = ftp_station(station.rig)
     station.handler.answer = Answer(Verdict.DENIED, reason)
-    client.ask(CREATE, MISSION)
-    client.ask(WRITE, encode(station.mission(3)))
-    replies = station.rig.send(client.request(TERMINATE))
+    client.ask(Opcode.CREATE, MISSION)
+    client.ask(Opcode.WRITE, encode(station.mission(3)))
+    replies = station.rig.send(client.request(Opcode.TERMINATE))
     assert [text for text in texts(replies) if text.startswith("@MISSION")] == [f"@MISSION/mission.dat: {text}"]
 
 
@@ -168,5 +170,5 @@ def test_plan_that_the_boat_refuses_is_reported_with_its_reason(ftp_station, sta
     [(3, 4, "New mission: items 1 to 4"), (3, 0, "New mission: 0 items"), (0, 4, "New mission: 4 items")],
 )
 def test_new_mission_is_named_by_the_numbers_of_the_ground_station(autopilot, count, text):
-    plan = Plan.of(PlanKind.MISSION, tuple(PlanItem(16, x=1, y=n) for n in range(count)))
+    plan = Plan.of(PlanKind.MISSION, tuple(PlanItem(Command.WAYPOINT, x=1, y=n) for n in range(count)))
     assert new_plan_text(plan, autopilot) == text

@@ -9,17 +9,19 @@ import pytest
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
-from firmware_py.link.parameters.files import Metadata, parameter_files, parameter_json
+from firmware_py.link.parameters.files import ARDUPILOT, Metadata, parameter_files, parameter_json
 from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.dialect import mavlink
 from support.paths import DATA
 
+COMPONENT_INFORMATION, COMPONENT_METADATA = 395, 397  # message ids
 DEFINITIONS = DATA / "mavlink" / "definitions"
 
 
 @pytest.fixture(scope="module")
 def files():
     parameter_files.cache_clear()
-    return Metadata(Version(1, 2, 3), 3).files
+    return Metadata(Version(1, 2, 3), ARDUPILOT).files
 
 
 @pytest.mark.parametrize("name", ["general", "parameter"])
@@ -61,7 +63,7 @@ def test_every_parameter_is_described(files):
 
 def test_checksums_match_the_served_files(rig, ftp_station, of):
     client = ftp_station(rig)
-    (metadata,) = of(rig.command(512, 397), "COMPONENT_METADATA")
+    (metadata,) = of(rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, COMPONENT_METADATA), "COMPONENT_METADATA")
     path = metadata.uri.decode().rstrip("\0").removeprefix("mftp://")
     general = client.get(path)
     assert mavlink_crc32(general) == metadata.file_crc
@@ -72,7 +74,7 @@ def test_checksums_match_the_served_files(rig, ftp_station, of):
     assert (entry["type"], mavlink_crc32(parameters)) == (1, entry["fileCrc"])
     assert lzma.decompress(parameters).decode() == parameter_json()
     assert json.loads(parameter_json())["version"] == 3
-    (information,) = of(rig.command(512, 395), "COMPONENT_INFORMATION")
+    (information,) = of(rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, COMPONENT_INFORMATION), "COMPONENT_INFORMATION")
     assert information.general_metadata_file_crc == metadata.file_crc
     assert information.general_metadata_uri == metadata.uri
     assert (information.peripherals_metadata_file_crc, information.peripherals_metadata_uri.rstrip(b"\0")) == (0, b"")
@@ -80,11 +82,13 @@ def test_checksums_match_the_served_files(rig, ftp_station, of):
 
 def test_files_are_reproducible(files):
     parameter_files.cache_clear()
-    assert Metadata(Version(1, 2, 3), 3).files == files
+    assert Metadata(Version(1, 2, 3), ARDUPILOT).files == files
 
 
 def test_autopilot_type_generic_has_only_float_parameters():
-    published = json.loads(Metadata(Version(1, 2, 3), 0).files["metadata", "parameter.json"])["parameters"]
+    published = json.loads(
+        Metadata(Version(1, 2, 3), mavlink.MAV_AUTOPILOT_GENERIC).files["metadata", "parameter.json"]
+    )["parameters"]
     assert {row["type"] for row in published} == {"Float"}
     integers = [row for row, parameter in zip(published, TABLE, strict=True) if parameter.kind is Kind.INTEGER]
     assert {row["decimalPlaces"] for row in integers} == {0}

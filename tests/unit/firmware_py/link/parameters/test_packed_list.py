@@ -8,9 +8,12 @@ from firmware_py.common.intents import Answer, SetParameter, Verdict
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.link.parameters.files import pack, unpack
+from firmware_py.link.files.payload import Opcode
+from firmware_py.link.parameters.files import ARDUPILOT, pack, unpack
 
 param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
+INT32, FLOAT = 3, 4  # type numbers of ArduPilot
+MAV_AUTOPILOT_GENERIC = 0
 CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)
 
 
@@ -20,10 +23,10 @@ def decode(content):
 
 @pytest.mark.parametrize("query", [{}, {"withdefaults": "1"}])
 def test_mavproxy_decodes_all_parameters(query):
-    parameters = decode(pack(CHANGED, query, 3))
+    parameters = decode(pack(CHANGED, query, ARDUPILOT))
     assert list(parameters) == [row.name for row in TABLE]
     assert [value for value, _ in parameters.values()] == list(CHANGED.values())
-    assert [kind for _, kind in parameters.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
+    assert [kind for _, kind in parameters.values()] == [INT32 if row.kind is Kind.INTEGER else FLOAT for row in TABLE]
 
 
 def test_names_are_stored_without_the_prefix_of_the_previous_name():
@@ -31,13 +34,13 @@ def test_names_are_stored_without_the_prefix_of_the_previous_name():
     for row in TABLE:
         prefix = next(length for length in range(len(row.name), -1, -1) if previous.startswith(row.name[:length]))
         size, previous = size + 2 + len(row.name) - prefix + 4, row.name
-    assert len(pack(CHANGED, {}, 3)) == size
+    assert len(pack(CHANGED, {}, ARDUPILOT)) == size
 
 
 def test_mavproxy_decodes_the_defaults():
-    defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"}, 3)).defaults
+    defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"}, ARDUPILOT)).defaults
     assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
-    assert param_ftp.ftp_param_decode(pack(CHANGED, {}, 3)).defaults is None
+    assert param_ftp.ftp_param_decode(pack(CHANGED, {}, ARDUPILOT)).defaults is None
 
 
 @pytest.mark.parametrize(
@@ -54,7 +57,7 @@ def test_mavproxy_decodes_the_defaults():
     ],
 )
 def test_start_and_count_select_rows(query, rows):
-    content = pack(CHANGED, query, 3)
+    content = pack(CHANGED, query, ARDUPILOT)
     magic, count, total = struct.unpack_from("<HHH", content)
     assert (magic, count, total) == (0x671B, rows[1] - rows[0], len(TABLE))
     complete = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy decodes only complete lists
@@ -108,10 +111,10 @@ def test_invalid_upload_is_refused(content, reason):
 
 def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
     client = ftp_station(rig)
-    client.ask(6, "@PARAM/param.pck")
-    client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0}))
-    replies = rig.send(client.request(1))
-    assert [reply.payload[3] for reply in of(replies, "FILE_TRANSFER_PROTOCOL")] == [128]
+    client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    client.ask(Opcode.WRITE, encode({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0}))
+    replies = rig.send(client.request(Opcode.TERMINATE))
+    assert [reply.payload[3] for reply in of(replies, "FILE_TRANSFER_PROTOCOL")] == [Opcode.ACK]
     values = {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")}
     assert values == {"CTL_K1": 41.5, "CTL_K2": 1.0}
     assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
@@ -120,10 +123,10 @@ def test_upload_sets_and_reports_all_values(rig, ftp_station, of):
 @pytest.mark.parametrize(("reason", "text"), [("armed in AUTO", "armed in AUTO"), ("", "refused")])
 def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_station, of, texts, reason, text):
     client = ftp_station(rig)
-    client.ask(6, "@PARAM/param.pck")
-    client.ask(7, encode({"CTL_K1": 41.5}))
+    client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    client.ask(Opcode.WRITE, encode({"CTL_K1": 41.5}))
     rig.request_handler.answer = Answer(Verdict.DENIED, reason)
-    replies = rig.send(client.request(1))
+    replies = rig.send(client.request(Opcode.TERMINATE))
     assert texts(replies) == [f"@PARAM/param.pck: {text}"]
     assert of(replies, "PARAM_VALUE") == []
 
@@ -138,9 +141,9 @@ def test_upload_that_the_boat_refuses_is_reported_with_its_reason(rig, ftp_stati
 def test_upload_is_reported_after_storing(rig, ftp_station, texts, is_stored, text):
     client = ftp_station(rig)
     rig.request_handler.at_once = False
-    client.ask(6, "@PARAM/param.pck")
-    client.ask(7, encode({"CTL_K1": 41.0, "CTL_K2": 7.0, "LOG_KEEP_MB": 100.0, "LNK_SYSID": 7.0}))
-    assert rig.send(client.request(1)) == []
+    client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    client.ask(Opcode.WRITE, encode({"CTL_K1": 41.0, "CTL_K2": 7.0, "LOG_KEEP_MB": 100.0, "LNK_SYSID": 7.0}))
+    assert rig.send(client.request(Opcode.TERMINATE)) == []
     rig.request_handler.waiting.pop()(is_stored)
     assert texts(rig.replies())[0] == text
 
@@ -154,9 +157,9 @@ def test_upload_requests_only_changes_and_the_fence(rig, ftp_station):
 
 def test_upload_with_one_invalid_value_sets_nothing(rig, ftp_station, texts):
     client = ftp_station(rig)
-    client.ask(6, "@PARAM/param.pck")
-    client.ask(7, encode({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
-    replies = rig.send(client.request(1))
+    client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    client.ask(Opcode.WRITE, encode({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
+    replies = rig.send(client.request(Opcode.TERMINATE))
     assert "CTL_K2" in texts(replies)[0]
     assert rig.request_handler.values == ParameterSet()
     assert rig.request_handler.requests == []
@@ -164,10 +167,10 @@ def test_upload_with_one_invalid_value_sets_nothing(rig, ftp_station, texts):
 
 def test_list_is_read_by_file_transfer(rig, ftp_station):
     rig.request_handler.values = CHANGED
-    assert decode(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)
+    assert decode(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, FLOAT)
 
 
 def test_generic_autopilot_has_only_floats():
-    parameters = decode(pack(CHANGED, {}, 0))
-    assert {kind for _, kind in parameters.values()} == {4}
+    parameters = decode(pack(CHANGED, {}, MAV_AUTOPILOT_GENERIC))
+    assert {kind for _, kind in parameters.values()} == {FLOAT}
     assert {name: value for name, (value, _) in parameters.items()} == pytest.approx(dict(CHANGED.items()))

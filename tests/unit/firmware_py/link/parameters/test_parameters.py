@@ -9,22 +9,23 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.link.files.payload import Opcode
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from support.link import without_unrequested
 
-UNKNOWN, OUT_OF_RANGE = 1, 2
-ACCEPTED, VALUE_UNSUPPORTED, FAILED = 0, 1, 2
+UNKNOWN, OUT_OF_RANGE = 1, 2  # MAV_PARAM_ERROR
+ACCEPTED, VALUE_UNSUPPORTED, FAILED = 0, 1, 2  # PARAM_ACK
 K1 = INDEX["CTL_K1"]
 LIST = mavlink.MAVLink_param_request_list_message(1, 1)
 LIST_EXTENDED = mavlink.MAVLink_param_ext_request_list_message(1, 1)
 
 
-def set_message(name, value, kind=9, target=(1, 1)):
+def set_message(name, value, kind=Kind.REAL, target=(1, 1)):
     return mavlink.MAVLink_param_set_message(*target, name, value, kind)
 
 
-def set_extended(name, value, kind=9):
+def set_extended(name, value, kind=Kind.REAL):
     return mavlink.MAVLink_param_ext_set_message(1, 1, name, value, kind)
 
 
@@ -37,7 +38,7 @@ def read_extended(name, index=-1):
 
 
 def extended_number(message):
-    layout = {6: "<i", 9: "<f"}[message.param_type]
+    layout = {Kind.INTEGER: "<i", Kind.REAL: "<f"}[message.param_type]
     return struct.unpack_from(layout, message._param_value_raw.ljust(8, b"\0"))[0]
 
 
@@ -78,10 +79,10 @@ def test_generic_autopilot_has_only_floats(make_rig, of):
     rig = make_rig(identity=0)
     values = of(without_unrequested(rig.send(LIST) + rig.ticks(3)), "PARAM_VALUE")
     assert [value.param_value for value in values] == list(rig.request_handler.values.values())
-    assert {value.param_type for value in values} == {9}
-    for kind in (6, 9):
+    assert {value.param_type for value in values} == {Kind.REAL}
+    for kind in Kind:
         (value,) = of(rig.send(set_message(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
-        assert (value.param_value, value.param_type) == (10.0 + kind, 9)
+        assert (value.param_value, value.param_type) == (10.0 + kind, Kind.REAL)
 
 
 @pytest.mark.parametrize("read", [read_message, read_extended])
@@ -176,13 +177,13 @@ def test_invalid_value_is_refused_with_the_present_value_and_the_reason(rig, tex
 @pytest.mark.parametrize(
     ("name", "value", "kind", "result"),
     [
-        (b"CTL_K1", struct.pack("<f", 1e30), 9, VALUE_UNSUPPORTED),
-        (b"CTL_K1", struct.pack("<f", float("nan")), 9, VALUE_UNSUPPORTED),
-        (b"LOOP_RATE_HZ", struct.pack("<f", 10.5), 9, VALUE_UNSUPPORTED),
-        (b"STAT_BOOTCNT", struct.pack("<i", 7), 6, VALUE_UNSUPPORTED),
+        (b"CTL_K1", struct.pack("<f", 1e30), Kind.REAL, VALUE_UNSUPPORTED),
+        (b"CTL_K1", struct.pack("<f", float("nan")), Kind.REAL, VALUE_UNSUPPORTED),
+        (b"LOOP_RATE_HZ", struct.pack("<f", 10.5), Kind.REAL, VALUE_UNSUPPORTED),
+        (b"STAT_BOOTCNT", struct.pack("<i", 7), Kind.INTEGER, VALUE_UNSUPPORTED),
         (b"CTL_K1", b"forty", 11, VALUE_UNSUPPORTED),
         (b"CTL_K1", b"\x29", 0, VALUE_UNSUPPORTED),
-        (b"NOPE", struct.pack("<f", 1.0), 9, FAILED),
+        (b"NOPE", struct.pack("<f", 1.0), Kind.REAL, FAILED),
     ],
 )
 def test_invalid_extended_value_is_refused_with_the_present_value(rig, of, name, value, kind, result):
@@ -196,7 +197,7 @@ def test_invalid_extended_value_is_refused_with_the_present_value(rig, of, name,
 
 def test_integer_with_float_bytes_is_refused(rig, of):
     assert TABLE[INDEX["LOOP_RATE_HZ"]].kind is Kind.INTEGER
-    assert of(rig.send(set_message(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
+    assert of(rig.send(set_message(b"LOOP_RATE_HZ", 2.8e-44, kind=Kind.INTEGER)), "PARAM_ERROR")
     assert rig.request_handler.values["LOOP_RATE_HZ"] == 10
 
 
@@ -214,7 +215,7 @@ def test_unknown_name_is_refused(rig):
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_read_only_parameter_is_refused(rig, of, texts, value):
-    replies = rig.send(set_message(b"STAT_BOOTCNT", value, kind=6))
+    replies = rig.send(set_message(b"STAT_BOOTCNT", value, kind=Kind.INTEGER))
     (error,) = of(replies, "PARAM_ERROR")
     assert (error.error, error.param_id) == (mavlink.MAV_PARAM_ERROR_READ_ONLY, "STAT_BOOTCNT")
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [0.0, 0.0]
@@ -234,17 +235,17 @@ def test_unchanged_value_is_confirmed_without_a_request(rig, of):
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_fence_enable_is_requested_even_if_unchanged(rig, of, value):
     """A command may have overridden the parameter."""
-    rig.send(set_message(b"FENCE_ENABLE", value, kind=6))
-    (report,) = of(rig.send(set_message(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
+    rig.send(set_message(b"FENCE_ENABLE", value, kind=Kind.INTEGER))
+    (report,) = of(rig.send(set_message(b"FENCE_ENABLE", value, kind=Kind.INTEGER)), "PARAM_VALUE")
     assert report.param_value == value
     assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", value)] * 2
 
 
 def test_parameter_that_needs_a_restart_is_reported(rig, of, texts):
-    replies = rig.send(set_message(b"LNK_SYSID", 7.0, kind=6))
+    replies = rig.send(set_message(b"LNK_SYSID", 7.0, kind=Kind.INTEGER))
     assert [value.param_value for value in of(replies, "PARAM_VALUE")] == [7.0]
     assert texts(replies) == ["LNK_SYSID: takes effect at the next start"]
-    assert texts(rig.send(set_message(b"LNK_SYSID", 7.0, kind=6))) == []
+    assert texts(rig.send(set_message(b"LNK_SYSID", 7.0, kind=Kind.INTEGER))) == []
 
 
 # ---------------------------------------------------------------------- limits
@@ -280,9 +281,9 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig, ftp
     rig = make_rig(addresses=["station", *addresses])
     rig.request_handler.at_once = False
     client = ftp_station(rig)
-    client.ask(6, "@PARAM/param.pck")
-    client.ask(7, struct.pack("<HHH", 0x671B, 0, 6))
-    rig.send(client.request(1))
+    client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    client.ask(Opcode.WRITE, struct.pack("<HHH", 0x671B, 0, 6))
+    rig.send(client.request(Opcode.TERMINATE))
     assert len(rig.request_handler.waiting) == 1  # a file without a change
     for number in range(32):
         for address in addresses:
@@ -315,7 +316,7 @@ def test_blocked_link_queues_few_parameters(make_rig, of, byte_rate, queued, req
     assert len(of(rig.replies(), "PARAM_VALUE")) == (8 if byte_rate is None else 0)
 
 
-@pytest.mark.parametrize(("name", "kind"), [(b"LNK_SYSID", 6), (b"CTL_K1", 9)])
+@pytest.mark.parametrize(("name", "kind"), [(b"LNK_SYSID", Kind.INTEGER), (b"CTL_K1", Kind.REAL)])
 def test_change_of_an_unproven_peer_is_sent_to_it_and_to_the_others(make_rig, of, name, kind):
     rig = make_rig()
     rig.tick()

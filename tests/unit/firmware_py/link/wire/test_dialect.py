@@ -15,12 +15,13 @@ from support.paths import DATA
 
 DEFINITIONS = DATA / "mavlink" / "definitions"
 
+AVAILABLE_MODES = mavlink.mavlink_map[435]
 MESSAGES = {
     "numbers, the last of them 0": mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
     "a text, and a field named id": mavlink.MAVLink_statustext_message(4, b"Compass: no data", 3, 1),
     "arrays": mavlink.MAVLink_battery_status_message(0, 0, 1, 2510, [12345] + [0xFFFF] * 9, -120, 5, -1, 80),
     "nothing but 0": mavlink.MAVLink_system_time_message(0, 0),
-    "one that pymavlink lacks": mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"),
+    "one that pymavlink lacks": AVAILABLE_MODES(4, 2, 0, 15, 4, b"GUIDED"),
 }
 
 
@@ -94,17 +95,17 @@ def test_pymavlink_without_the_private_method_packs_complete_messages(monkeypatc
 def test_packed_payload_equals_that_of_pymavlink(data):
     payload = struct.pack("<IHB", 180, 3, 90) + data
     expected = mavlink.MAVLink_log_data_message(3, 180, 90, data).pack(make_sender(7))
-    assert stamp(Codec(9, 1).pack_payload(120, payload), 7) == expected
+    assert stamp(Codec(9, 1).pack_payload(mavlink.MAVLINK_MSG_ID_LOG_DATA, payload), 7) == expected
 
 
 def test_payload_of_zeros_is_truncated_to_one_byte():
     expected = mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0).pack(make_sender(0))
-    assert stamp(Codec(9, 1).pack_payload(118, bytes(14)), 0) == expected
+    assert stamp(Codec(9, 1).pack_payload(mavlink.MAVLINK_MSG_ID_LOG_ENTRY, bytes(14)), 0) == expected
 
 
 def test_decoded_message_has_the_packed_fields():
     codec = Codec(1, 1)
-    packed = codec.pack(mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"))
+    packed = codec.pack(AVAILABLE_MODES(4, 2, 0, 15, 4, b"GUIDED"))
     message = codec.decode(stamp(packed, 0))
     assert (message.number_modes, message.mode_index, message.custom_mode) == (4, 2, 15)
     assert (message.properties, message.mode_name) == (4, b"GUIDED")

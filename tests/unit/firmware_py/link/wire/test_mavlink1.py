@@ -9,9 +9,10 @@ from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.frames import Codec, Frame, VersionDetector, stamp, to_mavlink1
 from support.link import of_type
 
+HEARTBEAT, RADIO_STATUS = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_RADIO_STATUS
 BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 READ = mavlink1.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
-HOME = mavlink1.MAVLink_command_long_message(1, 1, 410, 0, 0, 0, 0, 0, 0, 0, 0)
+GET_HOME = mavlink1.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_GET_HOME_POSITION, 0, 0, 0, 0, 0, 0, 0, 0)
 NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
 
 
@@ -77,8 +78,8 @@ def test_station_receives_replies_and_telemetry_in_mavlink1(station):
     assert len(of_type(replies, "ATTITUDE")) > 5
     (value,) = of_type(station.send(READ), "PARAM_VALUE")
     assert value.param_id == "CTL_K1"
-    (ack,) = of_type(station.send(HOME), "COMMAND_ACK")
-    assert ack.command == 410
+    (ack,) = of_type(station.send(GET_HOME), "COMMAND_ACK")
+    assert ack.command == mavlink.MAV_CMD_GET_HOME_POSITION
 
 
 def test_mission_is_uploaded_and_downloaded_in_mavlink1(station):
@@ -124,11 +125,11 @@ def test_some_heartbeats_offer_mavlink2_and_one_frame_in_it_is_sufficient(rig, s
 @pytest.mark.parametrize(
     ("times_s", "frame", "is_mavlink1_only"),
     [
-        ((0.0, 3.0, 6.0, 9.0, 9.9), Frame(0, b"\xfe"), False),
-        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(0, b"\xfe"), True),
-        ((0.0, 3.0, 6.0, 30.0), Frame(0, b"\xfe"), False),
-        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(109, b"\xfe"), False),
-        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(0, b"\xfd"), False),
+        ((0.0, 3.0, 6.0, 9.0, 9.9), Frame(HEARTBEAT, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(HEARTBEAT, b"\xfe"), True),
+        ((0.0, 3.0, 6.0, 30.0), Frame(HEARTBEAT, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(RADIO_STATUS, b"\xfe"), False),
+        ((0.0, 3.0, 6.0, 9.0, 10.0), Frame(HEARTBEAT, b"\xfd"), False),
     ],
     ids=["too early", "five frames in 10 s", "four frames", "of the modem", "in MAVLink 2"],
 )
@@ -137,9 +138,9 @@ def test_peer_uses_only_mavlink1_after_five_frames_in_ten_seconds(times_s, frame
     for t_s in times_s:
         detector.update([frame], 100.0 + t_s)
     assert detector.is_mavlink1_only is is_mavlink1_only
-    detector.update([Frame(0, b"\xfe")], 100.0 + times_s[-1])
+    detector.update([Frame(HEARTBEAT, b"\xfe")], 100.0 + times_s[-1])
     assert detector.is_mavlink1_only is (is_mavlink1_only or len(times_s) == 4)
-    detector.update([Frame(0, b"\xfd")] + [Frame(0, b"\xfe")] * 4, 200.0)
+    detector.update([Frame(HEARTBEAT, b"\xfd")] + [Frame(HEARTBEAT, b"\xfe")] * 4, 200.0)
     detector.update([], 300.0)
     assert not detector.is_mavlink1_only
 

@@ -87,7 +87,7 @@ def test_free_port_is_opened_at_once_without_a_report():
     assert reports == []
 
 
-@pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=none"])
+@pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "unknown:1", "udpin:127.0.0.1:1?policy=none"])
 def test_invalid_url_is_an_error_even_with_retry(url):
     with pytest.raises(LinkError):
         open_transport(url, None, report_retry=print)

@@ -17,6 +17,8 @@ def message(text=b"x" * 40):
 
 
 class Line:
+    """Function that sends data: stores it while `is_writable`, otherwise returns False."""
+
     def __init__(self):
         self.data = b""
         self.sizes = []  # of the datagrams
@@ -132,8 +134,8 @@ def test_credit_limits_the_queued_bytes(outbox):
     outbox.credit_bytes = 179
     assert outbox.frames_in_credit(60) == 2
     assert outbox.available_bytes(0.0) == 0.0
-    for text, credit_bytes, dropped in ((47, 119, 0), (47, 59, 0), (47, 59, 1), (46, 0, 1), (1, 0, 2)):
-        outbox.push(message(b"x" * text), Priority.URGENT)
+    for text_bytes, credit_bytes, dropped in ((47, 119, 0), (47, 59, 0), (47, 59, 1), (46, 0, 1), (1, 0, 2)):
+        outbox.push(message(b"x" * text_bytes), Priority.URGENT)
         assert (outbox.credit_bytes, outbox.dropped) == (credit_bytes, dropped)
     assert outbox.queued_count(Priority.URGENT) == 3
 
@@ -158,7 +160,7 @@ def test_transfer_over_a_line_uses_70_percent_of_its_rate(byte_rate):
     assert not share.can_continue
 
 
-def test_idle_line_accumulates_a_quarter_second_and_a_stopped_clock_nothing():
+def test_transfer_accumulates_a_quarter_second_on_an_idle_line_and_nothing_without_time():
     share = BulkShare(5760.0)
     assert share.max_frames(FRAME_BYTES, 0, 0.0) == 0
     assert share.max_frames(FRAME_BYTES, 0, 1e6) == 0.7 * 0.25 * 5760.0 // FRAME_BYTES
@@ -210,9 +212,9 @@ def test_every_tenth_heartbeat_to_a_peer_of_mavlink1_is_also_sent_in_mavlink2(li
     for number in range(30):
         outbox.push(CODEC.pack(mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)), Priority.URGENT)
         outbox.flush(0.0)
-        marks = {frame.get_msgbuf()[0] for frame in line.frames()}
+        markers = {frame.get_msgbuf()[0] for frame in line.frames()}
         line.data = b""
-        assert marks == ({0xFE, 0xFD} if number % 10 == 9 else {0xFE})
+        assert markers == ({0xFE, 0xFD} if number % 10 == 9 else {0xFE})
 
 
 @pytest.mark.parametrize(("priority", "size"), [(Priority.URGENT, 64), (Priority.REPLY, 128), (Priority.TELEMETRY, 64)])
