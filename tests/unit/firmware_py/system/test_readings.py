@@ -46,7 +46,16 @@ NUMBER = 12.3456789
         ),
         (
             heading_values,
-            HeadingSample(1.0, ANGLE_RAD, NorthReference.TRUE, None, None, ANGLE_RAD, -ANGLE_RAD, 21.5),
+            HeadingSample(
+                1.0,
+                ANGLE_RAD,
+                NorthReference.TRUE,
+                variation_rad=None,
+                yaw_rate_rad_s=None,
+                roll_rad=ANGLE_RAD,
+                pitch_rad=-ANGLE_RAD,
+                temperature_c=21.5,
+            ),
             {"heading_true_deg": 7.07, "roll_deg": 7.1, "pitch_deg": -7.1, "temperature_c": 21.5},
         ),
         (
@@ -56,21 +65,53 @@ NUMBER = 12.3456789
         ),
         (
             position_values,
-            PositionSample(1.0, FixType.FIX_3D, ANGLE_RAD, -ANGLE_RAD, None, NUMBER, ANGLE_RAD, 9),
-            {"fix": "FIX_3D", "lat_deg": 7.0735479, "lon_deg": -7.0735479, "sog_m_s": 12.35, "cog_deg": 7.1,
-             "satellites": 9},
+            PositionSample(
+                1.0,
+                FixType.FIX_3D,
+                latitude_rad=ANGLE_RAD,
+                longitude_rad=-ANGLE_RAD,
+                altitude_m=None,
+                speed_over_ground_m_s=NUMBER,
+                course_over_ground_rad=ANGLE_RAD,
+                satellites=9,
+            ),
+            {
+                "fix": "FIX_3D",
+                "lat_deg": 7.0735479,
+                "lon_deg": -7.0735479,
+                "sog_m_s": 12.35,
+                "cog_deg": 7.1,
+                "satellites": 9,
+            },
         ),
         (
             rudder_values,
-            RudderFeedback(1.0, 0.123456, 21.5, 12.3456, 0.123456, 4),
+            RudderFeedback(
+                1.0, shaft_rad=0.123456, temperature_c=21.5, voltage_v=12.3456, current_a=0.123456, hardware_error=4
+            ),
             {"shaft_deg": 7.07, "temperature_c": 21.5, "voltage_v": 12.35, "current_a": 0.123, "hardware_error": 4},
         ),
         (rudder_angle_values, RudderAngleSample(1.0, ANGLE_RAD), {"rudder_deg": 7.07}),
         (
             power_values,
-            PowerSample(1.0, 0, NUMBER, -NUMBER, 0.876543, NUMBER, NUMBER, 21.5),
-            {"voltage_v": 12.346, "current_a": -12.346, "charge_percent": 87.7, "solar_w": 12.0, "load_a": 12.346,
-             "temperature_c": 21.5},
+            PowerSample(
+                1.0,
+                source=0,
+                voltage_v=NUMBER,
+                current_a=-NUMBER,
+                charge=0.876543,
+                solar_w=NUMBER,
+                load_a=NUMBER,
+                temperature_c=21.5,
+            ),
+            {
+                "voltage_v": 12.346,
+                "current_a": -12.346,
+                "charge_percent": 87.7,
+                "solar_w": 12.0,
+                "load_a": 12.346,
+                "temperature_c": 21.5,
+            },
         ),
         (
             wind_values,
@@ -80,12 +121,28 @@ NUMBER = 12.3456789
         (depth_values, DepthSample(1.0, NUMBER, 0.56789), {"depth_m": 12.35, "transducer_m": 0.57}),
         (
             vessel_values,
-            VesselPosition(1.0, 211000001, VesselKind.CLASS_B, ANGLE_RAD, -ANGLE_RAD, NUMBER, -ANGLE_RAD, ANGLE_RAD),
-            {"mmsi": 211000001, "kind": "class_b", "lat_deg": 7.073548, "lon_deg": -7.073548, "sog_m_s": 12.35,
-             "cog_deg": 352.9, "heading_deg": 7.0},
+            VesselPosition(
+                1.0,
+                211000001,
+                VesselKind.CLASS_B,
+                latitude_rad=ANGLE_RAD,
+                longitude_rad=-ANGLE_RAD,
+                speed_m_s=NUMBER,
+                course_rad=-ANGLE_RAD,
+                heading_rad=ANGLE_RAD,
+            ),
+            {
+                "mmsi": 211000001,
+                "kind": "class_b",
+                "lat_deg": 7.073548,
+                "lon_deg": -7.073548,
+                "sog_m_s": 12.35,
+                "cog_deg": 352.9,
+                "heading_deg": 7.0,
+            },
         ),
     ],
-)  # fmt: skip
+)
 def test_values_are_rounded_to_their_accuracy(values_of, sample, expected):
     assert values_of(sample) == expected
 

@@ -50,7 +50,16 @@ from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSou
 
 MAX_EVENTS = 30
 
-PEER = PeerStatus("10.0.0.7:14550", True, True, False, 0.45, 1200, 3, 1)
+PEER = PeerStatus(
+    "10.0.0.7:14550",
+    ground_station=True,
+    has_place=True,
+    signs=False,
+    heard_age_s=0.45,
+    sent_bytes=1200,
+    dropped=3,
+    rejected=1,
+)
 LINKS = (
     LinkStatus("udpin:0.0.0.0:14550", "fast", (PEER,)),
     LinkStatus("x", "radio", (), blocked_reason="the line is missing"),
@@ -141,9 +150,21 @@ def test_events_between_two_statuses_are_listed(boat):
     assert len(boat.status(12.5)["events"]) == MAX_EVENTS
 
 
-POWER = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
+POWER = Power(voltage_v=13.123, current_a=-0.5, charge=0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
 
-WIND = Wind(10.5, 6.12, math.radians(-90.0), -3.0, 4.0, 5.12, math.pi / 2, 4.42, math.pi, sd_m_s=0.7, gust_m_s=8.12)
+WIND = Wind(
+    10.5,
+    apparent_m_s=6.12,
+    apparent_rad=math.radians(-90.0),
+    north_m_s=-3.0,
+    east_m_s=4.0,
+    wind_m_s=5.12,
+    from_rad=math.pi / 2,
+    mean_m_s=4.42,
+    mean_from_rad=math.pi,
+    sd_m_s=0.7,
+    gust_m_s=8.12,
+)
 
 
 @pytest.mark.parametrize(
@@ -170,21 +191,78 @@ def test_a_section_contains_the_values_of_the_snapshot(boat, section, changes, v
 
 ANGLE_RAD, NUMBER = 0.1234567, 12.3456789  # 7.07354785 degrees
 ESTIMATE = Estimate(
-    1, ANGLE_RAD, ANGLE_RAD, 0.0, 0.0, -ANGLE_RAD, 0.0, NUMBER, ANGLE_RAD, ANGLE_RAD, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-    NUMBER, yaw_diffusion_rad2_s=0.00123456, prediction_square=1.23456,
-)  # fmt: skip
-WATER = Water(0.123456, 0.0123456, 0.345678, -0.456789, 0.0567891, -ANGLE_RAD)
+    source=1,
+    heading_rad=ANGLE_RAD,
+    heading_sd_rad=ANGLE_RAD,
+    yaw_rate_rad_s=0.0,
+    yaw_rate_sd_rad_s=0.0,
+    bias_rad=-ANGLE_RAD,
+    bias_sd_rad=0.0,
+    wave_period_s=NUMBER,
+    wave_sd_rad=ANGLE_RAD,
+    compass_noise_rad=ANGLE_RAD,
+    speed_m_s=0.0,
+    speed_sd_m_s=0.0,
+    current_north_m_s=0.0,
+    current_east_m_s=0.0,
+    innovation_rad=0.0,
+    innovation_sd_rad=0.0,
+    innovation_square=NUMBER,
+    yaw_diffusion_rad2_s=0.00123456,
+    prediction_square=1.23456,
+)
+WATER = Water(
+    speed_m_s=0.123456,
+    speed_sd_m_s=0.0123456,
+    current_north_m_s=0.345678,
+    current_east_m_s=-0.456789,
+    current_sd_m_s=0.0567891,
+    leeway_rad=-ANGLE_RAD,
+)
+DEAD_RECKONING = DeadReckoningPosition(
+    latitude_rad=ANGLE_RAD, longitude_rad=-ANGLE_RAD, north_m_s=0.3, east_m_s=0.0, sd_m=NUMBER, time_since_fix_s=NUMBER
+)
+NAVIGATION = Navigation(
+    Activity.LINE,
+    target_latitude_rad=ANGLE_RAD,
+    target_longitude_rad=-ANGLE_RAD,
+    radius_m=NUMBER,
+    cross_track_m=-NUMBER,
+    fence_margin_m=NUMBER,
+)
+ENERGY = Energy(
+    travel_rad=0.0,
+    reversals=0,
+    energy_j=4567.89,
+    travel_rad_per_h=ANGLE_RAD,
+    reversals_per_h=NUMBER,
+    power_w=NUMBER,
+    resting=True,
+)
+UNROUNDED_WIND = Wind(
+    6.54321,
+    apparent_m_s=NUMBER,
+    apparent_rad=ANGLE_RAD,
+    north_m_s=0.0,
+    east_m_s=0.0,
+    wind_m_s=NUMBER,
+    from_rad=ANGLE_RAD,
+    mean_m_s=NUMBER,
+    mean_from_rad=ANGLE_RAD,
+    sd_m_s=0.0,
+    gust_m_s=NUMBER,
+)
 SWING = SwingReport(
     CalibrationState.DONE,
-    70,
-    41,
-    0b1011,
-    (0.0,) * 5,
-    (ANGLE_RAD, -0.02, 0.03, 0.01, -0.01),
-    ANGLE_RAD,
-    0.02,
-    0.03,
-    0.01,
+    percent=70,
+    minutes=41,
+    sectors=0b1011,
+    present_rad=(0.0,) * 5,
+    estimated_rad=(ANGLE_RAD, -0.02, 0.03, 0.01, -0.01),
+    sd_rad=ANGLE_RAD,
+    max_change_rad=0.02,
+    residual_before_rad=0.03,
+    residual_after_rad=0.01,
 )
 
 
@@ -200,14 +278,14 @@ SWING = SwingReport(
         ),
         (
             "position",
-            {"dead_reckoning": DeadReckoningPosition(ANGLE_RAD, -ANGLE_RAD, 0.3, 0.0, NUMBER, NUMBER)},
+            {"dead_reckoning": DEAD_RECKONING},
             {"reckoned_lat_deg": 7.07355, "reckoned_lon_deg": -7.07355, "reckoned_sd_m": 12.0, "reckoned_s": 12.0},
         ),
         (
             "navigation",
-            {"navigation": Navigation(Activity.LINE, ANGLE_RAD, -ANGLE_RAD, NUMBER, -NUMBER, fence_margin_m=NUMBER),
+            {"navigation": NAVIGATION,
              "distance_m": NUMBER, "bearing_rad": -ANGLE_RAD,
-             "mission": MissionReport(MissionState.ACTIVE, 2, 5, first_item_number=1)},
+             "mission": MissionReport(MissionState.ACTIVE, index=2, count=5, first_item_number=1)},
             {"activity": "LINE", "target_lat_deg": 7.0735479, "target_lon_deg": -7.0735479, "radius_m": 12.3,
              "distance_m": 12.3, "bearing_deg": 352.9, "cross_track_m": -12.3, "fence_margin_m": 12.3,
              "mission": "ACTIVE", "item": 3, "items": 5, "first_item": 1},
@@ -223,7 +301,7 @@ SWING = SwingReport(
         ),
         (
             "energy",
-            {"energy": Energy(0.0, 0, 4567.89, ANGLE_RAD, NUMBER, NUMBER, resting=True)},
+            {"energy": ENERGY},
             {"steering_wh": 1.269, "servo_power_w": 12.35, "travel_deg_per_h": 7.0, "reversals_per_h": 12.0,
              "servo_resting": True},
         ),
@@ -237,7 +315,7 @@ SWING = SwingReport(
         ),
         (
             "wind",
-            {"wind": Wind(6.54321, NUMBER, ANGLE_RAD, 0.0, 0.0, NUMBER, ANGLE_RAD, NUMBER, ANGLE_RAD, 0.0, NUMBER),
+            {"wind": UNROUNDED_WIND,
              "t_s": 10.0},
             {"ok": False, "age_s": 3.5, "wind_m_s": 12.3, "wind_from_deg": 7.0, "mean_wind_m_s": 12.3,
              "mean_wind_from_deg": 7.0, "gust_m_s": 12.3, "apparent_wind_m_s": 12.3, "apparent_wind_deg": 7.0},
@@ -272,7 +350,17 @@ def test_proposal_of_a_compass_swing_is_rounded():
 
 def vessel(mmsi, distance_m, near_s=None):
     position = VesselPosition(6.54321, mmsi, VesselKind.CLASS_A, 0.0, 0.0, NUMBER, -ANGLE_RAD)
-    return Vessel(position, None, None, 0, distance_m, ANGLE_RAD, 234.567, 345.678, near_s)
+    return Vessel(
+        position,
+        identity=None,
+        doubted=None,
+        doubts=0,
+        distance_m=distance_m,
+        bearing_rad=ANGLE_RAD,
+        cpa_m=234.567,
+        cpa_in_s=345.678,
+        near_s=near_s,
+    )
 
 
 def test_five_vessels_are_listed_in_the_order_of_urgency(boat):
