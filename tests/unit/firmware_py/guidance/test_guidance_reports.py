@@ -75,7 +75,14 @@ def test_mission_report_has_the_item_number_of_the_operator():
     for index, reported_index in ((0, 0), (1, 1), (2, 1)):
         progress = replace(state.mission, index=index)
         report = guidance_reports.mission_report(replace(state, mission=progress), plans, AUTO, first_number=1)
-        assert report == MissionReport(MissionState.ACTIVE, reported_index, 2, (0,), identities, 1)
+        assert report == MissionReport(
+            MissionState.ACTIVE,
+            index=reported_index,
+            count=2,
+            reached_items=(0,),
+            identities=identities,
+            first_item_number=1,
+        )
     for modes in (replace(AUTO, armed=False), replace(AUTO, mode=Mode.LOITER)):
         assert guidance_reports.mission_report(state, plans, modes, first_number=1).state is MissionState.PAUSED
     assert guidance_reports.mission_report(state, Plans(), AUTO, first_number=1) == MissionReport(
@@ -101,6 +108,15 @@ def test_navigation_report_has_the_target_and_the_fence(arrived, activity, is_re
         fence=FenceState(FENCE.fence.identity, place, 55.0),
     )
     report = guidance_reports.navigation_report(state, FENCE, fence_enabled=True)
-    assert report == Navigation(activity, 0.6, 2.0, 20.0, -3.0, is_reported, True, 55.0)
+    assert report == Navigation(
+        activity,
+        target_latitude_rad=0.6,
+        target_longitude_rad=2.0,
+        radius_m=20.0,
+        cross_track_m=-3.0,
+        arrived=is_reported,
+        fence_enabled=True,
+        fence_margin_m=55.0,
+    )
     without = guidance_reports.navigation_report(GuidanceState(), FENCE, fence_enabled=False)
     assert without == Navigation()

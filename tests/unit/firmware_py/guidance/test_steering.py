@@ -15,7 +15,12 @@ from firmware_py.guidance.tasks import HeadingTarget
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation
 
 SETTINGS = GuidanceSettings.of(ParameterSet())
-NORTH = Situation(heading_rad=0.0, water=Water(1.0, 0.1, 0.0, 0.3, 0.1), position_ok=True, rudder_ok=True)
+NORTH = Situation(
+    heading_rad=0.0,
+    water=Water(speed_m_s=1.0, speed_sd_m_s=0.1, current_north_m_s=0.0, current_east_m_s=0.3, current_sd_m_s=0.1),
+    position_ok=True,
+    rudder_ok=True,
+)
 WITHOUT_HEADING = replace(NORTH, heading_rad=None)
 AUTO = ModeState(Mode.AUTO, armed=True)
 
