@@ -24,6 +24,7 @@ from firmware_py.link.wire.frames import Codec, stamp
 from firmware_py.link.wire.dialect import mavlink
 names = list(sys.modules)
 print(names.index("pymavlink") < names.index("numpy"))
+# MAV_TYPE, MAV_AUTOPILOT, base_mode, custom_mode, MAV_STATE, version of MAVLink.
 codec, message = Codec(1, 1), mavlink.MAVLink_heartbeat_message(11, 3, 0, 15, 4, 3)
 frame = stamp(codec.pack(message), 0)
 print(codec.decode(frame).custom_mode, len(mavlink.enums), hasattr(mavlink.MAVLink, "heartbeat_encode"))
