@@ -100,7 +100,7 @@ def _limit_ending(ending: Ending) -> Ending:
 
 
 def collect_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
-    """Return the endings since the last call, oldest first, and remove their files."""
+    """Return the endings since the last call, oldest first, and remove their files; `utc_s`: the present time."""
     if runtime is None:
         return ()
     lines = _read_and_remove(runtime / ENDED_FILE).splitlines()

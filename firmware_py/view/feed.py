@@ -160,7 +160,7 @@ class Feed:
     def _detect_new_voyage(self, status: Status) -> float:
         """Start a new voyage at the first status and after a restart of the computer, which resets the machine time.
 
-        Return the machine time at the begin of the voyage.
+        Return the machine time at the beginning of the voyage.
         """
         written_s: float = status["written_machine_s"]
         if self._begin_s is None or written_s < self._begin_s:
