@@ -27,7 +27,7 @@ class Ship(NamedTuple):
     if there is none or one of another period; the roll of the compass. `jump` is the jump of the yaw rate at the end of
     a step, times the turning lag.
 
-    f00 to f11: transition of the float in a grid step; float_w2, float_damp: its stiffness [1/s^2] and damping [1/s].
+    f00 to f11: transition of the float in a grid step; float_w2, float_damp: squared natural frequency, damping [1/s].
     body_rad, wind_rad: leeway by the body and by the wind. `slide_...`: sway in turns. `crests_...`: displacement of
     the receiver in a short-crested sea; crests_own: independent of the yaw. c_a to c_e: coefficients A to E of the
     compass deviation [rad]; c_follow: part of its lag that a grid step covers. rotary: ratio of the tide's axes.
