@@ -19,6 +19,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.log.reader import LogReader
+from firmware_py.plans.items import Command
 from firmware_py.system.slots import read_content
 from firmware_py.system.store import Store
 from support.paths import ROOT
@@ -50,7 +51,7 @@ needs_readable_checkout = pytest.mark.skipif(
     os.geteuid() == 0 and not all(path.stat().st_mode & 0o001 for path in (ROOT, *ROOT.parents)),
     reason="other users cannot read this checkout",
 )
-MISSION = plan_to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),))).encode()
+MISSION = plan_to_text(Plan.of(PlanKind.MISSION, (PlanItem(Command.WAYPOINT, 3, x=1, y=2),))).encode()
 
 
 @pytest.fixture

@@ -35,7 +35,7 @@ port = "{rudder}"
 baud = {rudder_baud}
 [parameters]
 BOOT_ARM = 1
-BOOT_MODE = 15
+BOOT_MODE = 15  # GUIDED
 CLK_SET = 0
 """
 

@@ -9,6 +9,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.log.reader import read_log
 
+OPERATING_MODE = 33  # register of the Feetech servo; 0: position
 SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
 
 
@@ -181,10 +182,10 @@ def test_feetech_servo_is_used_again_after_cable_and_power_losses_and_foreign_by
     bench.run_until_written("Rudder servo not responding")
     line.plug()
     bench.run_until_written("Rudder servo responding again")
-    bench.servo.stored[33] = 3  # another operating mode after the power loss
+    bench.servo.stored[OPERATING_MODE] = 3  # another mode after the power loss
     bench.servo.power_cycle(bench.world.now_s, off_s=0.5)
     bench.run_until_written("Rudder servo lost power: configured again")
     bench.run(0.5)
     assert responds_to_heading(bench)
-    assert (bench.servo.table[33], bench.servo.stored[33]) == (0, 3)
+    assert (bench.servo.table[OPERATING_MODE], bench.servo.stored[OPERATING_MODE]) == (0, 3)
     assert replays(bench)

@@ -22,9 +22,7 @@ from support.program import unused_ports
 from support.retrying_station import RetryingStation
 
 DIALOUT = 20  # group id in Debian
-HEARTBEAT, CURRENT = 0, 42
-ARM, SET_MODE, SET_CURRENT = 400, 176, 224
-AUTO, ARMED = 10, 128
+HEARTBEAT = 0  # message number
 SETTINGS = {"BOOT_RESUME": 2, "CLK_SET": 0}
 DROP_IN = "[Service]\nDeviceAllow=char-pts rw\n"
 

@@ -17,6 +17,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.common.plan import PlanKind
+from firmware_py.plans.items import Command
 from firmware_py.sensors import mti_protocol
 from support.paths import REPLAY, ROOT
 from support.plans import item, save_plans
@@ -93,7 +94,7 @@ def directory(tmp_path):
         shutil.copy(log, tmp_path / name / "logs/00000001.BIN")
     for name in ("00000001.BIN", "00000002.BIN"):
         shutil.copy(log, tmp_path / name)
-    mission = {PlanKind.MISSION: [item(16, 15, 0), item(20)]}
+    mission = {PlanKind.MISSION: [item(Command.WAYPOINT, 15, 0), item(Command.RETURN)]}
     save_plans(tmp_path / "DIR", mission)
     assert main(["plan", "save", str(tmp_path / "survey.plan"), "--state", str(tmp_path / "DIR")]) == 0
     (tmp_path / "boat.param").write_text("CTL_K1 41\n")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-REBOOT, FORCE = 246, 20190226.0
+REBOOT, FORCE = 246, 20190226.0  # MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN; ArduPilot's number for a reboot while armed
 GUIDED = 15
 TURN_GOALS = "0:0,6:90"  # the rudder reaches its limit
 TIMEOUT_S = 30.0

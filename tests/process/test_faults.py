@@ -14,6 +14,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.faults.table import TABLE, Fault
+from firmware_py.plans.items import Command
 from hil.ship.disturbances import Depth, Supply, Wind
 from hil.ship.scenarios import with_disturbances
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
@@ -22,6 +23,7 @@ LOITER, AUTO, GUIDED = 5, 10, 15
 SET_MODE, CHANGE_HEADING = 176, 43002
 TURN = "0:0,12:90"  # rudder at its limit from 12 s on
 FENCE_RADIUS_M = 20.0
+TORQUE_ENABLE, ELECTRICAL_SHOCK = 64, 0x10  # of the Dynamixel: register; bit of the hardware error status
 
 
 def no_change(_bench):
@@ -144,13 +146,13 @@ def check_heads_into_current(bench, _t0_s):
 
 def fence_plan():
     position = (round(START_LATITUDE_DEG * 1e7), round(START_LONGITUDE_DEG * 1e7))
-    circle = PlanItem(5003, 3, True, (FENCE_RADIUS_M, 0.0, 0.0, 0.0), *position)
+    circle = PlanItem(Command.INCLUDED_CIRCLE, 3, True, (FENCE_RADIUS_M, 0.0, 0.0, 0.0), *position)
     return ("fence.plan", plan_to_text(Plan.of(PlanKind.FENCE, [circle])))
 
 
 def endless_mission():
     """Return a mission that loiters at the present position without end."""
-    return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(17, 3)])))
+    return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(Command.LOITER_UNLIMITED, 3)])))
 
 
 def restart_with_damaged_key(bench):
@@ -212,8 +214,8 @@ DRILLS = (
         options={"goals": TURN},
     ),
     Drill(
-        Fault.RUDDER_ERROR, lambda bench: bench.servo.inject_error(0x10), 1.2, check_alert_only, no_change, 8.0,
-        check_rudder_follows, fault_time_s=0.5,
+        Fault.RUDDER_ERROR, lambda bench: bench.servo.inject_error(ELECTRICAL_SHOCK), 1.2, check_alert_only, no_change,
+        8.0, check_rudder_follows, fault_time_s=0.5,
     ),
     Drill(
         Fault.RUDDER_ASTRAY, push_shaft_away, 4.0, check_alert_only, lambda bench: bench.world.free(), 14.0,
@@ -282,7 +284,9 @@ DRILLS = (
                                    "change": lambda scenario: replace(scenario, speed_m_s=0.8)},
     ),
     Drill(
-        Fault.MISSION_UNUSABLE, lambda bench: bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
+        Fault.MISSION_UNUSABLE, lambda bench: bench.station.queue(mavlink.MAVLink_mission_clear_all_message(
+            1, 1, mavlink.MAV_MISSION_TYPE_MISSION
+        )),
         3.0, lambda bench, _t0_s: check_mode("AUTO")(bench),
         lambda bench: bench.send_command(SET_MODE, 1.0, float(GUIDED)), 2.0, check_mode("GUIDED"), start_s=10.0,
         fault_time_s=1.0,
@@ -446,7 +450,7 @@ def test_servo_is_released_while_the_command_is_constant_and_engages_before_it_m
     torque = []
     while bench.now_s < 280.0 or torque[-1] != 0:
         bench.run(0.5)
-        torque.append(bench.servo.motor._table[64])
+        torque.append(bench.servo.motor._table[TORQUE_ENABLE])
     assert torque.count(0) > 0.4 * len(torque)
     assert abs(bench.heading_error_deg()) < 2.0
     bench.send_command(CHANGE_HEADING, 1.0, 60.0)

@@ -70,7 +70,7 @@ def test_cable_power_and_foreign_bytes_make_no_spike_and_cost_no_heading(bench):
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_gyroscope_in_the_sea(fault_bench, clockwise):
+def test_yaw_rate_of_a_gyroscope_is_used_only_with_the_right_direction(fault_bench, clockwise):
     boat = fault_bench(scenario="sea", second_compass="bno08x_rvc", goals="0:0,100:60")
     boat.other_compass._direction = 1.0 if clockwise else -1.0
     boat.run(400.0)

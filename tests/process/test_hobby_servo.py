@@ -42,7 +42,7 @@ def finish(boat):
 
 
 @pytest.mark.parametrize("servo", ["maestro", "pwm"])
-def test_cable_and_power_are_lost_and_return(start, servo):
+def test_servo_steers_again_after_cable_and_power_losses(start, servo):
     boat = start(servo)
     assert "Rudder angle: estimated" in boat.output_text()
     boat.lines["rudder"].unplug()
@@ -60,7 +60,7 @@ def test_cable_and_power_are_lost_and_return(start, servo):
     finish(boat)
 
 
-def test_foreign_bytes_and_another_baud_rate(start):
+def test_foreign_bytes_cause_no_jam_and_another_baud_rate_is_reported(start):
     boat = start("maestro")
     boat.servo_line.garbage, boat.servo_line.flip = 0.2, 0.002
     boat.run(5.0)

@@ -210,7 +210,7 @@ class KillRig:
         )
         has_goal = heartbeat.custom_mode in (GUIDED, STEERING) and self.expected.goal_deg is not None
         return ExpectedState(
-            armed=bool(heartbeat.base_mode & 128),
+            armed=bool(heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             mode=heartbeat.custom_mode,
             goal_deg=yaw_deg(self.station.request(TARGET).q) % 360.0 if has_goal else None,
             current=self.station.request(CURRENT).seq,

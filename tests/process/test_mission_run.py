@@ -9,6 +9,7 @@ from firmware_py.cli.export.messages import read_messages
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.ardupilot_state import FENCE_OFF, FENCE_ON
 from firmware_py.log.disk import log_files
+from firmware_py.plans.items import Command
 from hil.ship import scenarios
 from hil.sim.truth import read
 from support.harness import is_replay_identical, rambler_hil
@@ -25,7 +26,11 @@ def test_mission_resumes_after_a_kill(make_boat):
         settings={"BOOT_RESUME": 2, "LOIT_RADIUS": 40.0, "WP_RADIUS": 15.0},
         goals="",
         mode=AUTO,
-        plans=[mission_file(item(16, 60, 0), item(16, 60, 90), item(17, 0, 90))],
+        plans=[
+            mission_file(
+                item(Command.WAYPOINT, 60, 0), item(Command.WAYPOINT, 60, 90), item(Command.LOITER_UNLIMITED, 0, 90)
+            )
+        ],
     )
     boat.start().run(108.0)
     boat.kill()
@@ -60,11 +65,7 @@ def test_autopilot_steers_at_once_after_a_kill_on_a_mission(make_boat):
     assert abs(boat.command_deg()) > 5.0  # the item is abeam
     boat.run(118.0)
     boat.finish()
-    output = [
-        track_after_kill.split(maxsplit=2)[2]
-        for track_after_kill in boat.output_text().splitlines()
-        if track_after_kill.startswith("  ")
-    ]
+    output = [line.split(maxsplit=2)[2] for line in boat.output_text().splitlines() if line.startswith("  ")]
     assert output[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
     assert not [text for text in output if text.startswith("Mission")], output  # no item starts again
     track = boat.track(0.0)
@@ -74,25 +75,25 @@ def test_autopilot_steers_at_once_after_a_kill_on_a_mission(make_boat):
 
 
 EVERY_KIND = [
-    item(16, 200, 0),
-    item(178, None, None, 0, 0.5),
-    item(16, 200, 150, 60),
-    item(115, None, None, 90, 0, 1, 1),
-    item(93, None, None, 120),
-    item(213, None, None, 90, 0, 1),
-    item(18, 100, 250, 2, 0, 50),
-    item(19, 0, 150, 120, 0, 60),
-    item(179, 20, 20, 0),
-    item(16, 0, 60),
-    item(177, None, None, 9, 1),
-    item(600, None, None, 7),
-    item(207, None, None, 0),
-    item(114, None, None, 50),
-    item(16, 0, -20),
-    item(112, None, None, 20),
-    item(601, None, None, 7, 1),
-    item(20),
-    item(17, 0, 0),
+    item(Command.WAYPOINT, 200, 0),
+    item(Command.CHANGE_SPEED, None, None, 0, 0.5),
+    item(Command.WAYPOINT, 200, 150, 60),
+    item(Command.YAW, None, None, 90, 0, 1, 1),
+    item(Command.DELAY, None, None, 120),
+    item(Command.YAW_SPEED, None, None, 90, 0, 1),
+    item(Command.LOITER_TURNS, 100, 250, 2, 0, 50),
+    item(Command.LOITER_TIME, 0, 150, 120, 0, 60),
+    item(Command.SET_HOME, 20, 20, 0),
+    item(Command.WAYPOINT, 0, 60),
+    item(Command.JUMP, None, None, 9, 1),
+    item(Command.JUMP_TAG, None, None, 7),
+    item(Command.FENCE_ENABLE, None, None, 0),
+    item(Command.CONDITION_DISTANCE, None, None, 50),
+    item(Command.WAYPOINT, 0, -20),
+    item(Command.CONDITION_DELAY, None, None, 20),
+    item(Command.JUMP_TO_TAG, None, None, 7, 1),
+    item(Command.RETURN),
+    item(Command.LOITER_UNLIMITED, 0, 0),
 ]
 
 

@@ -19,6 +19,7 @@ from hil.devices.nmea2000 import COMPASS, SECOND_COMPASS
 from hil.devices.sensor_errors import AttitudeWithError
 from support.paths import DATA
 
+VESSEL_HEADING = 127250  # PGN
 SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
 
 
@@ -57,7 +58,7 @@ def responds_to_heading(boat):
     return abs(boat.world.shaft.angle_rad() - initial_rad) > math.radians(5.0)
 
 
-def test_cable_power_and_baud_rate_of_the_gateway(moored_boat):
+def test_heading_recovers_after_faults_of_cable_power_and_baud_rate(moored_boat):
     boat = moored_boat.start()
     boat.run_until_written("Mode GUIDED")
     boat.run(1.5)
@@ -150,7 +151,7 @@ class Bus:
             if now_s - start_s >= 0.1 * headings:
                 headings += 1
                 heading = n2k.heading(self._boat.world.heading_rad() % math.tau, n2k.TRUE)
-                self._socket.sendto(n2k.raw_line(127250, COMPASS, heading), self.address)
+                self._socket.sendto(n2k.raw_line(VESSEL_HEADING, COMPASS, heading), self.address)
             due += self.frames_hz * (now_s - last_s)
             last_s = now_s
             while due >= self._count:
@@ -173,7 +174,7 @@ def read_from_network(boat, bus):
     boat._vehicle.write_text(re.sub(old_section, f"[compass]\n{port}source = {COMPASS}\n", text))
 
 
-def test_lines_of_a_network_gateway(make_boat):
+def test_heading_and_position_are_read_from_a_network_gateway(make_boat):
     boat = make_boat(scenario="calm", compass="nmea2000", speed=None, without=("position", "link"))
     bus = Bus(boat, 5)
     bus.frames_hz = 200.0

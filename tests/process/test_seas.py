@@ -60,7 +60,8 @@ def test_task_in_four_seas_meets_the_requirements(figures):
     assert rows["sea"].mean.near_s <= 30.0
 
 
-# Seas and seeds that were not used for tuning: name, sea, factors of K and T of the ship, rms limit.
+# Seas that were not used for tuning: name, sea (name, then the fields of Scenario from speed_m_s on), factors of K and
+# T of the ship, rms limit [deg].
 OTHER_SEAS = [
     ("fast, short waves", ("sea", 1.2, 2.0, 6.0, -4.0, 2.0, 0.2), 1.0, 1.0, 2.2),
     ("slow, long swell", ("swell", 0.25, 10.0, 15.0, 2.0, 1.0, 0.1), 1.0, 1.0, 4.0),

@@ -14,6 +14,7 @@ import pytest
 from support.harness import without_pictures
 from support.program import Program
 
+MAGIC = 18458  # of a packet with 16 servo outputs
 RATE_HZ = 100  # the time of 6000 frames is a little less than a minute
 
 
@@ -34,9 +35,9 @@ def test_external_autopilot_is_scored_and_a_second_one_is_ignored(tmp_path):
         while state["timestamp"] < 60.0 - 0.5 / RATE_HZ:
             frame += 1
             if frame == 100:  # another autopilot starts
-                other_autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
+                other_autopilot.sendto(struct.pack("<HHI16H", MAGIC, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
             pulses = [steering_us] + [1500] * 15
-            autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, frame, *pulses), ("127.0.0.1", port))
+            autopilot.sendto(struct.pack("<HHI16H", MAGIC, RATE_HZ, frame, *pulses), ("127.0.0.1", port))
             state = json.loads(autopilot.recv(4096))
             assert abs(state["timestamp"] * RATE_HZ - frame) < 1e-6
             error_rad = math.radians(20.0) - state["attitude"][2]

@@ -127,7 +127,7 @@ def test_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_servi
         assert len(service.manager.runs) == 1
         service.assert_state_kept()
     longest_s = max(
-        next_run - previous_run for previous_run, next_run in pairwise(service.goals.times_s) if next_run > disturbed_s
+        frame_s - previous_s for previous_s, frame_s in pairwise(service.goals.times_s) if frame_s > disturbed_s
     )
     print(f"reported after {reported_s - disturbed_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
 

@@ -28,6 +28,10 @@ MEMORY_DISK = Path("/dev/shm")  # faster than the disk
 
 
 def end_at_every_step(tmp_path, kind, code=0, every=1):
+    """Return the outcomes of updates that end at every n-th step (support/killed_update.py).
+
+    `code`: exit code of the new version.
+    """
     program, bundle = Path(ROOT) / "tests/support/killed_update.py", small_bundle(tmp_path, code)
     with tempfile.TemporaryDirectory(dir=MEMORY_DISK if MEMORY_DISK.is_dir() else None) as folder:
         command = [sys.executable, str(program), folder, str(bundle), kind, str(every)]

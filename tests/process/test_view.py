@@ -11,6 +11,7 @@ import pytest
 
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
+from firmware_py.plans.items import Command
 from firmware_py.system.status_file import Freshness, StatusReading
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import Guard
@@ -87,9 +88,9 @@ def assert_readable(browser, url):
 def test_live_page_and_report_of_a_mission(tmp_path, browser):
     """The live page shows the true heading and faults; the report shows plan and figures and can be zoomed."""
     plans = {
-        PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
+        PlanKind.MISSION: [item(Command.WAYPOINT, 15, 0), item(Command.WAYPOINT, 15, 15), item(Command.RETURN)],
         PlanKind.FENCE: FENCE_ITEMS,
-        PlanKind.RALLY: [item(5100, 0, 50)],
+        PlanKind.RALLY: [item(Command.RALLY_POINT, 0, 50)],
     }
     out = tmp_path / "run"
     words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans), "--speed", "30"]
