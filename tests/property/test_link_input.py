@@ -40,6 +40,7 @@ from firmware_py.link.telemetry.table import TABLE
 from firmware_py.plans.validation import problem_of
 from support.link import FakeRequestHandler, MemoryTransport
 
+AVAILABLE_MODES = 435  # message number
 MAX_INTERVAL_S = 3600.0
 MIN_INTERVAL_S = 0.02
 
@@ -379,7 +380,9 @@ def resident_kib():
 
 def test_queues_are_bounded_in_a_flood_of_requests():
     rig = Rig()
-    request = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 435, 0, 0, 0, 0, 0, 0).pack(rig.station)
+    request = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, AVAILABLE_MODES, 0, 0, 0, 0, 0, 0
+    ).pack(rig.station)
     rig.pipe.send = lambda _address, _data: False
     for _ in range(50):
         rig.feed(request * 20)

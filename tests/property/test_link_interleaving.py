@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.link import endpoint as endpoint_module
+from firmware_py.link.files.payload import Opcode
 from firmware_py.link.files.tree import FileRoot
 from support.ftp import FtpStation
 from support.link import Rig, of_type
@@ -63,7 +64,7 @@ class SlowWorker:
 
 
 class PlanAuthor:
-    """Source of the plans of a station; all items of a plan have the same, unique longitude."""
+    """Source of the plans of a station; all items of a plan have the same, unique longitude [1e-7 deg]."""
 
     def __init__(self, number):
         self.longitude = number * 1_000_000
@@ -73,8 +74,9 @@ class PlanAuthor:
         return mavlink.MAVLink_mission_count_message(1, 1, count, 0)
 
     def item(self, sequence):
-        number = (360_000_000 + sequence, self.longitude, 0.0)
-        return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *number, 0)
+        place = (360_000_000 + sequence, self.longitude, 0.0)
+        frame, command = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT
+        return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, frame, command, 0, 1, 0, 0, 0, 0, *place, 0)
 
 
 class BoatWithLogs:
@@ -134,7 +136,7 @@ class BoatWithLogs:
     def work(self):
         self.worker.work()
 
-    def answer(self):
+    def complete_job(self):
         self.worker.work()
         self.worker.poll()
         self.check()
@@ -157,22 +159,34 @@ END = st.just(mavlink.MAVLink_log_request_end_message(1, 1))
 ERASE = st.just(mavlink.MAVLink_log_erase_message(1, 1))
 SESSION = st.integers(0, 2)
 FILES = st.one_of(
-    st.tuples(st.sampled_from([4, 13, 14]), st.sampled_from(["logs/00000001.BIN", "@MISSION/mission.dat"]), SESSION),
-    st.tuples(st.sampled_from([6, 11, 14]), st.sampled_from(["uploads/a", "@MISSION/fence.dat"]), SESSION),
-    st.tuples(st.sampled_from([3, 16]), st.sampled_from(["logs", "uploads", ""]), SESSION),
-    st.tuples(st.sampled_from([1, 2, 5, 7, 15]), st.just(""), SESSION),
+    st.tuples(
+        st.sampled_from([Opcode.OPEN_READ, Opcode.RENAME, Opcode.CHECKSUM]),
+        st.sampled_from(["logs/00000001.BIN", "@MISSION/mission.dat"]),
+        SESSION,
+    ),
+    st.tuples(
+        st.sampled_from([Opcode.CREATE, Opcode.OPEN_WRITE, Opcode.CHECKSUM]),
+        st.sampled_from(["uploads/a", "@MISSION/fence.dat"]),
+        SESSION,
+    ),
+    st.tuples(st.sampled_from([Opcode.LIST, Opcode.LIST_WITH_TIME]), st.sampled_from(["logs", "uploads", ""]), SESSION),
+    st.tuples(
+        st.sampled_from([Opcode.TERMINATE, Opcode.RESET, Opcode.READ, Opcode.WRITE, Opcode.BURST_READ]),
+        st.just(""),
+        SESSION,
+    ),
 )
 PLANS = st.one_of(
     st.sampled_from([3, 4, 2500]).map(lambda count: lambda author: author.begin(count)),
     st.integers(0, 3).map(lambda sequence: lambda author: author.item(sequence)),
     st.just(lambda author: author.item(0)),
-    st.just(mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)),
+    st.just(mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0)),
     st.just(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
 )
 BOAT_ACTIONS = {
     "tick": BoatWithLogs.tick,
     "disk works": BoatWithLogs.work,
-    "disk completes": BoatWithLogs.answer,
+    "disk completes": BoatWithLogs.complete_job,
     "log begins": BoatWithLogs.begin_log,
     "oldest log is removed": BoatWithLogs.remove_oldest,
     "all logs are removed": BoatWithLogs.remove_all,

@@ -11,7 +11,10 @@ from firmware_py.sensors.nmea2000_reader import Nmea2000Options
 from hil.devices import nmea2000_frames as n2k
 from support.line import FakeLine
 
+VESSEL_HEADING, GNSS_POSITION = 127250, 129029  # PGNs
+COMPASS, RECEIVERS = 0x23, (0x10, 0x15)  # source addresses
 HEADINGS_RAD = st.floats(0.0, 6.28)
+# Latitude and longitude in degrees, at least one of them not near 0.
 PLACES = st.tuples(st.floats(-89.0, 89.0), st.floats(-179.0, 179.0)).filter(lambda place: max(map(abs, place)) > 1.0)
 
 
@@ -43,7 +46,7 @@ def fixes_of(frames):
 @given(HEADINGS_RAD, st.integers(0), st.integers(1, 255), st.booleans())
 def test_one_damaged_byte_of_an_actisense_message_gives_no_heading(angle_rad, position, change, is_true):
     """The checksum detects every damage to one byte; a damaged DLE may hide the end of the message."""
-    message = n2k.actisense_message(127250, 0x23, n2k.heading(angle_rad, int(not is_true)))
+    message = n2k.actisense_message(VESSEL_HEADING, COMPASS, n2k.heading(angle_rad, int(not is_true)))
     assert len(headings_of(message)) == 1
     damaged = bytearray(message)
     damaged[position % len(message)] ^= change
@@ -58,7 +61,7 @@ def test_headings_between_any_bytes_are_those_that_were_sent(parts):
             stream += part + b"\x10\x03"
         else:
             sent.append(part)
-            stream += n2k.actisense_message(127250, 0x23, n2k.heading(part, n2k.TRUE))
+            stream += n2k.actisense_message(VESSEL_HEADING, COMPASS, n2k.heading(part, n2k.TRUE))
     received = headings_of(stream)
     assert all(any(abs(heading - angle) < 1e-4 for angle in sent) for heading in received)
     assert len(received) == len(sent)
@@ -67,7 +70,7 @@ def test_headings_between_any_bytes_are_those_that_were_sent(parts):
 @given(st.lists(HEADINGS_RAD, min_size=1, max_size=12), st.data())
 def test_lines_with_lost_bytes_give_only_headings_that_were_sent(angles_rad, data):
     """A text line has no checksum: bytes that are lost within it make it too short."""
-    lines = b"".join(n2k.raw_line(127250, 0x23, n2k.heading(angle, n2k.TRUE)) for angle in angles_rad)
+    lines = b"".join(n2k.raw_line(VESSEL_HEADING, COMPASS, n2k.heading(angle, n2k.TRUE)) for angle in angles_rad)
     start = data.draw(st.integers(0, len(lines) - 1))
     stop = start + data.draw(st.integers(1, 40))
     received = headings_of(lines[:start] + lines[stop:], "udp:2000")
@@ -81,9 +84,9 @@ def test_lines_with_lost_bytes_give_only_headings_that_were_sent(angles_rad, dat
 def test_lost_repeated_and_exchanged_frames_never_give_a_wrong_position(places, faults):
     """Each message has another sequence number; the number repeats after eight messages."""
     frames = [
-        (129029, source, frame)
+        (GNSS_POSITION, source, frame)
         for number, place in enumerate(places)
-        for source in (0x10, 0x15)
+        for source in RECEIVERS
         for frame in n2k.frames(n2k.gnss_position(*place, 1.6e9 + number), number + source)
     ]
     for fault, position in faults:
@@ -100,9 +103,9 @@ def test_lost_repeated_and_exchanged_frames_never_give_a_wrong_position(places, 
 
 @given(st.permutations(range(14)))
 def test_frames_of_two_sources_in_any_order_give_only_whole_messages(order):
-    places = {0x10: (50.0, -3.0), 0x15: (-20.0, 130.0)}
+    places = dict(zip(RECEIVERS, ((50.0, -3.0), (-20.0, 130.0)), strict=True))
     frames = [
-        (129029, source, frame)
+        (GNSS_POSITION, source, frame)
         for source, place in places.items()
         for frame in n2k.frames(n2k.gnss_position(*place, 1.6e9), 1)
     ]

@@ -18,6 +18,7 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
+from firmware_py.plans.items import Command
 from support import rig
 from support.paths import REPLAY
 
@@ -40,7 +41,7 @@ def resume_record():
     return msgspec.msgpack.decode(to_bytes(resume_of(state_from_text(checkpoint())[0], Moment(1767225600.0))))
 
 
-MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, x=number) for number in range(3)])
+MISSION = Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, x=number) for number in range(3)])
 RECORDS = {
     "checkpoint": lambda: json.loads(checkpoint()),
     "resume": resume_record,
@@ -92,43 +93,43 @@ def read_record(kind, data):
 
 @given(kind=KINDS, data=st.data())
 def test_any_fields_can_be_missing(kind, data):
-    text = RECORDS[kind]()
+    content = RECORDS[kind]()
     dropped = set()
-    for record, name in draw_keys(data.draw, text):
+    for record, name in draw_keys(data.draw, content):
         record.pop(name, None)
         dropped.add(name)
-    state, _ = read_record(kind, text)
+    state, _ = read_record(kind, content)
     if kind == "checkpoint":
         assert state is not None or "version" in dropped
 
 
 @given(kind=KINDS, data=st.data())
 def test_any_fields_can_be_added(kind, data):
-    text = RECORDS[kind]()
-    for record, _ in draw_keys(data.draw, text):
+    content = RECORDS[kind]()
+    for record, _ in draw_keys(data.draw, content):
         record[data.draw(st.text(max_size=8).filter(lambda name: name not in ("$", "version")))] = data.draw(
             JSON_VALUES
         )
-    record, _ = read_record(kind, text)
+    record, _ = read_record(kind, content)
     assert record is not None or kind != "checkpoint"
 
 
 @given(data=st.data())
 def test_autopilot_runs_after_a_resume_with_missing_fields(data):
-    text = RECORDS["resume"]()
-    for record, name in draw_keys(data.draw, text):
+    content = RECORDS["resume"]()
+    for record, name in draw_keys(data.draw, content):
         record.pop(name, None)
-    state, _ = read_record("resume", text)
+    state, _ = read_record("resume", content)
     for inputs in first_inputs() if state is not None else ():
         state, _ = step(state, inputs)
 
 
 @given(kind=KINDS, data=st.data())
 def test_any_values_are_read_or_refused(kind, data):
-    text = RECORDS[kind]()
-    for record, name in draw_keys(data.draw, text):
+    content = RECORDS[kind]()
+    for record, name in draw_keys(data.draw, content):
         record[name] = data.draw(JSON_VALUES)
-    read_record(kind, text)
+    read_record(kind, content)
 
 
 @given(kind=KINDS, data=JSON_VALUES)

@@ -22,6 +22,8 @@ from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from support.flight_controller import Board
 
 MAX_BODY_LENGTH = 1024
+DATA_RESPONSE = 5  # frame type of the PNI compass
+MT_DATA_2, EULER_NED, RATE_OF_TURN = 0x36, 0x2034, 0x8020  # message of the MTi, and data identifiers in it
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"
 HDT = b"$HEHDT,341.8,T*21\r\n"
@@ -31,11 +33,14 @@ MWV = b"$WIMWV,251.4,R,3.1,N,A*23\r\n"
 DPT = b"$IIDPT,4.1,1.0*44\r\n"
 RSA = b"$IIRSA,10.5,A,,V*4D\r\n"
 PASHR = b"$PASHR,142509.000,179.885,T,-0.624,0.245,,0.029,0.029,0.502,2,3*17\r\n"
-PNI = pni_protocol.encode(5, bytes([2, 5]) + struct.pack(">f", 98.5) + bytes([8, 0]))
+# Two components: heading (5) and distortion (8).
+PNI = pni_protocol.encode(DATA_RESPONSE, bytes([2, 5]) + struct.pack(">f", 98.5) + bytes([8, 0]))
 STATUS_GOOD = bytes.fromhex("E0200400000003")
 MTI = mti_protocol.encode(
-    0x36,
-    STATUS_GOOD + struct.pack(">HB3f", 0x2034, 12, 178.0, 1.0, 98.5) + struct.pack(">HB3f", 0x8020, 12, 0.0, 0.0, -0.1),
+    MT_DATA_2,
+    STATUS_GOOD
+    + struct.pack(">HB3f", EULER_NED, 12, 178.0, 1.0, 98.5)
+    + struct.pack(">HB3f", RATE_OF_TURN, 12, 0.0, 0.0, -0.1),
 )
 PVT = bytes.fromhex(
     "b56201075c0030985811e1070713083200370300000027 80ad2f0303 0a0eadeb9d528 9bb31eb50630000df7000006c04000042060000"
@@ -221,7 +226,7 @@ def test_xor_checksum_does_not_detect_exchanged_digits():
 
 @given(st.integers(0, 3599).map(lambda tenths: tenths / 10), st.integers(0), st.integers(0))
 def test_two_bit_flips_never_give_a_wrong_heading_pni(heading_deg, first_bit, second_bit):
-    frame = bytearray(pni_protocol.encode(5, bytes([1, 5]) + struct.pack(">f", heading_deg)))
+    frame = bytearray(pni_protocol.encode(DATA_RESPONSE, bytes([1, 5]) + struct.pack(">f", heading_deg)))
     bits = 8 * len(frame)
     for bit in {first_bit % bits, second_bit % bits}:
         frame[bit // 8] ^= 1 << bit % 8
@@ -233,7 +238,9 @@ def test_two_bit_flips_never_give_a_wrong_heading_pni(heading_deg, first_bit, se
 @given(st.floats(-180.0, 180.0, width=32), st.integers(0), st.integers(1, 255))
 def test_one_damaged_byte_never_gives_a_wrong_heading_mti(yaw_deg, position, change):
     """The sum detects every damage to one byte, but only 255 of 256 damages to two bytes."""
-    packet = bytearray(mti_protocol.encode(0x36, STATUS_GOOD + struct.pack(">HB3f", 0x2034, 12, 178.0, 1.0, yaw_deg)))
+    packet = bytearray(
+        mti_protocol.encode(MT_DATA_2, STATUS_GOOD + struct.pack(">HB3f", EULER_NED, 12, 178.0, 1.0, yaw_deg))
+    )
     assert len(mti_headings(bytes(packet))) == 1
     packet[position % len(packet)] ^= change
     assert mti_headings(bytes(packet)) == []
