@@ -20,6 +20,7 @@ from firmware_py.common.plan import as_plain
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
+from firmware_py.plans.items import Command
 from replay.voyages import VOYAGES
 from support.link import Rig
 from support.plans import item
@@ -27,8 +28,8 @@ from support.plans import item
 LINKS = Path(__file__).parent / "data" / "links"
 NOT_COMPARED = {"text", "param_index", "param_count"}  # wording, and the size of the parameter table
 INTERVAL_S = 15.0  # of the ticks of a voyage that the link publishes
-SET_INTERVAL, REQUEST_MESSAGE = 511, 512
-# Numbers of commands and messages; later ones do not change a session.
+SET_INTERVAL, REQUEST_MESSAGE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE
+# Numbers of commands (MAV_CMD) and messages when the sessions were recorded; later ones do not change a session.
 COMMANDS = (
     17, 20, 115, 176, 178, 179, 183, 192, 193, 207, 213, 224, 241, 245, 246, 262, 300, 400, 401, 410, 510, 511, 512,
     519, 520, 2600, 42006, 42424, 42425, 42426, 42428, 43002,
@@ -165,6 +166,7 @@ ATTITUDES = (
     (7, (0.7071, 0.7071, 0.0, 0.0)),
     (0, (0.9, 0.1, 0.1, 0.4)),
 )
+# Values of type_mask in SET_POSITION_TARGET_*; a set bit ignores a value.
 MASKS = (0, 1479, 2527, 3064, 3559, 3576, 3580, 4088, 2503, 1 << 12, 3527)
 
 
@@ -217,11 +219,33 @@ def send_commands(session):
 def transfer_plans(session):
     """Upload, read, select and clear plans of every kind."""
     plans = (
-        (0, (item(16, 0, 0), item(16, 50, 0, 5), item(19, 50, 50, 60, 0, -30), item(177, None, None, 1, 2), item(20))),
-        (1, tuple(item(5001, north_m, east_m, 3) for north_m, east_m in ((-90, -90), (90, 0), (-90, 90)))),
-        (1, (item(5003, 0, 0, 500), item(5004, 100, 100, 20), item(5000, 10, 0))),
-        (2, (item(5100, 30, 30),)),
-        (0, (item(16, 0, 0), item(16, 50, 0, -5.0), item(9999, 50, 50))),
+        (
+            0,
+            (
+                item(Command.WAYPOINT, 0, 0),
+                item(Command.WAYPOINT, 50, 0, 5),
+                item(Command.LOITER_TIME, 50, 50, 60, 0, -30),
+                item(Command.JUMP, None, None, 1, 2),
+                item(Command.RETURN),
+            ),
+        ),
+        (
+            1,
+            tuple(
+                item(Command.INCLUDED_VERTEX, north_m, east_m, 3)
+                for north_m, east_m in ((-90, -90), (90, 0), (-90, 90))
+            ),
+        ),
+        (
+            1,
+            (
+                item(Command.INCLUDED_CIRCLE, 0, 0, 500),
+                item(Command.EXCLUDED_CIRCLE, 100, 100, 20),
+                item(Command.FENCE_RETURN, 10, 0),
+            ),
+        ),
+        (2, (item(Command.RALLY_POINT, 30, 30),)),
+        (0, (item(Command.WAYPOINT, 0, 0), item(Command.WAYPOINT, 50, 0, -5.0), item(9999, 50, 50))),
     )
     for kind, items in plans:
         session.rig.now_s += 3.0

@@ -15,16 +15,19 @@ import pytest
 from replay.relog import recompute_log
 from replay.voyages import VOYAGES
 
-SIZES = {"a": "64s", "b": "b", "B": "B", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f", "d": "d", "n": "4s"} | {
-    "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B", "q": "q", "Q": "Q", "g": "e"
+# DataFlash format character -> code of the struct module.
+STRUCT_CODES = {
+    "a": "64s", "b": "b", "B": "B", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f", "d": "d", "n": "4s", "N": "16s",
+    "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B", "q": "q", "Q": "Q", "g": "e",
 }  # fmt: skip
+FMT_TYPE = 128  # message type of the FMT messages, which define the others
 NOT_COMPARED = {"FMT", "FMTU", "UNIT", "MULT", "CHK", "END", "VER", "PARM"}
 NAMES = sorted(path.name.removesuffix(".BIN.gz") for path in VOYAGES.glob("*.BIN.gz"))
 
 
 def messages_of(log):
     """Return the messages of a DataFlash log by name, as lists of columns by label."""
-    formats, messages, offset = {128: ("FMT", struct.Struct("<BB4s16s64s"), ())}, {}, 0
+    formats, messages, offset = {FMT_TYPE: ("FMT", struct.Struct("<BB4s16s64s"), ())}, {}, 0
     while offset < len(log):
         assert log[offset : offset + 2] == b"\xa3\x95"
         name, layout, labels = formats[log[offset + 2]]
@@ -33,7 +36,7 @@ def messages_of(log):
         if name == "FMT":
             number, _, *texts = values
             new_name, characters, new_labels = (text.rstrip(b"\0").decode() for text in texts)
-            new_layout = struct.Struct("<" + "".join(SIZES[character] for character in characters))
+            new_layout = struct.Struct("<" + "".join(STRUCT_CODES[character] for character in characters))
             formats[number] = (new_name, new_layout, tuple(new_labels.split(",")))
             messages.setdefault(new_name, [])
         elif name not in NOT_COMPARED:

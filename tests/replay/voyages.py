@@ -52,12 +52,14 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.recorder import LogRecorder
+from firmware_py.plans.items import Command
 from replay.relog import UTC_S, recompute_log
 from support.plans import EARTH_M, FENCE_ITEMS, item, placed
 
 VOYAGES = Path(__file__).parent / "data" / "voyages"
 STEP_S = 0.5
 ABILITY_1_S, LAG_S, NOMINAL_M_S = 0.049, 4.0, 0.4
+MAX_MOVE_RAD = 0.26  # of the rudder in a step
 
 
 class Boat:
@@ -78,12 +80,12 @@ class Boat:
             software="voyage",
             background=False,
         )
-        self.chances = random.Random(seed)
+        self.rng = random.Random(seed)
         self.index = 0
         # Ship and sea.
         self.speed_m_s, self.current_m_s = 0.6, (0.05, 0.12)
         self.wave_rad, self.wave_s, self.bias_rad = math.radians(4.0), 6.0, math.radians(3.0)
-        self.effect, self.delay_s = 1.0, 0.0  # of the rudder on the yaw rate
+        self.effect, self.delay_s = 1.0, 0.0  # of the rudder on the yaw rate; wave_s is the period of the waves
         self.heading_rad, self.rate_rad_s, self.rudder_rad = 0.3, 0.0, 0.0
         self.north_m = self.east_m = 0.0
         self.commands_rad = []
@@ -95,7 +97,7 @@ class Boat:
         self.servo_a, self.servo_v, self.servo_c, self.servo_error, self.restarts = 0.05, 12.2, 24.0, 0, 0
         self.torque_on = True
         self.has_power, self.charge, self.battery_v = True, 0.8, 12.9
-        self.ships = []  # functions of the time that return reports
+        self.vessels = []  # functions of the time that return AIS reports
         self.origin_rad = None  # another place than that of the plans
         self.variations_rad, self.has_details = (0.01, None), True  # of the headings; their other values
         self.has_velocity = self.has_angle = True
@@ -110,7 +112,7 @@ class Boat:
 
     def headings(self):
         for source, is_on in enumerate(self.compasses):
-            noise_rad = math.radians(self.chances.gauss(0.0, 0.3))
+            noise_rad = math.radians(self.rng.gauss(0.0, 0.3))
             heading_rad = self.heading_rad + self.wave(self.wave_rad) + self.offsets_rad[source] + noise_rad
             heading_rad = math.radians(round(math.degrees(heading_rad) * 10.0) / 10.0) % math.tau
             if source == 0 and self.frozen_rad is not None:
@@ -135,10 +137,10 @@ class Boat:
             yield PositionSample(self.t_s, FixType.NONE)
             return
         v_north, v_east = self.velocity_m_s()
-        v_north += self.chances.gauss(0.0, 0.03)
-        v_east += self.chances.gauss(0.0, 0.03)
-        north_m = self.north_m + self.jump_m[0] + self.chances.gauss(0.0, 1.0)
-        east_m = self.east_m + self.jump_m[1] + self.chances.gauss(0.0, 1.0)
+        v_north += self.rng.gauss(0.0, 0.03)
+        v_east += self.rng.gauss(0.0, 0.03)
+        north_m = self.north_m + self.jump_m[0] + self.rng.gauss(0.0, 1.0)
+        east_m = self.east_m + self.jump_m[1] + self.rng.gauss(0.0, 1.0)
         values = (2.0 + self.wave(0.3), math.hypot(v_north, v_east), math.atan2(v_east, v_north) % math.tau, 11, 0.9)
         if not self.has_velocity:
             values = (None,) * 5
@@ -191,7 +193,7 @@ class Boat:
             tuple(devices),
             tuple(Request(self.t_s, intent, 255, 190) for intent in intents),
             tuple(self.power()),
-            tuple(report for ship in self.ships for report in ship(self.t_s)),
+            tuple(report for vessel in self.vessels for report in vessel(self.t_s)),
         )
         self.skipped = 0
         before = self.state
@@ -204,7 +206,7 @@ class Boat:
     def move(self, command):
         """Advance servo, ship and sea by a step."""
         if not self.is_stuck:
-            self.rudder_rad += min(max(command.shaft_rad - self.rudder_rad, -0.26), 0.26)
+            self.rudder_rad += min(max(command.shaft_rad - self.rudder_rad, -MAX_MOVE_RAD), MAX_MOVE_RAD)
         self.torque_on = command.torque_on
         self.commands_rad.append(self.rudder_rad)
         acting_rad = self.commands_rad[max(len(self.commands_rad) - 1 - round(self.delay_s / STEP_S), 0)]
@@ -231,28 +233,28 @@ def plan(kind, *items):
 def sail_mission(folder):
     """All kinds of items, a pause, jumps, the fence, the loss of the ground station, rally point and home."""
     items = (
-        item(16, 50, 0),
-        item(178, None, None, 0, 0.5),
-        item(16, 50, 40, 10),
-        item(115, None, None, 180, 0, 0, 0),
-        item(93, None, None, 15),
-        item(213, None, None, 90, 0, 1),
-        item(18, 30, 60, 1, 0, 25),
-        item(600, None, None, 7),
-        item(19, 0, 50, 20, 0, -25),
-        item(179, 5, 5, 0),
-        item(112, None, None, 5),
-        item(114, None, None, 20),
-        item(16, 0, 30, 0, 12),
-        item(601, None, None, 7, 1),
-        item(177, None, None, 13, 1),
-        item(20),
-        item(17, 0, 0),
+        item(Command.WAYPOINT, 50, 0),
+        item(Command.CHANGE_SPEED, None, None, 0, 0.5),
+        item(Command.WAYPOINT, 50, 40, 10),
+        item(Command.YAW, None, None, 180, 0, 0, 0),
+        item(Command.DELAY, None, None, 15),
+        item(Command.YAW_SPEED, None, None, 90, 0, 1),
+        item(Command.LOITER_TURNS, 30, 60, 1, 0, 25),
+        item(Command.JUMP_TAG, None, None, 7),
+        item(Command.LOITER_TIME, 0, 50, 20, 0, -25),
+        item(Command.SET_HOME, 5, 5, 0),
+        item(Command.CONDITION_DELAY, None, None, 5),
+        item(Command.CONDITION_DISTANCE, None, None, 20),
+        item(Command.WAYPOINT, 0, 30, 0, 12),
+        item(Command.JUMP_TO_TAG, None, None, 7, 1),
+        item(Command.JUMP, None, None, 13, 1),
+        item(Command.RETURN),
+        item(Command.LOITER_UNLIMITED, 0, 0),
     )
     plans = Plans(
         mission=plan(PlanKind.MISSION, *items),
         fence=plan(PlanKind.FENCE, *FENCE_ITEMS),
-        rally=plan(PlanKind.RALLY, item(5100, 40, -60)),
+        rally=plan(PlanKind.RALLY, item(Command.RALLY_POINT, 40, -60)),
     )
     settings = {"FENCE_ENABLE": 1, "FS_GCS_ACT": 4, "FS_GCS_S": 20.0, "FS_RESUME": 1}
     boat = Boat(folder, 1, plans, LOIT_RADIUS=25.0, WP_RADIUS=8.0, NAV_LOOK_S=20.0, **settings)
@@ -269,7 +271,14 @@ def sail_mission(folder):
     boat.run(60.0)
     boat.tick(SetMissionItem(12, restart=True))
     boat.run(60.0)
-    boat.tick(ReplacePlan(plan(PlanKind.MISSION, item(16, 120, 0), item(16, 120, 120), item(20))), SetMode(Mode.AUTO))
+    boat.tick(
+        ReplacePlan(
+            plan(
+                PlanKind.MISSION, item(Command.WAYPOINT, 120, 0), item(Command.WAYPOINT, 120, 120), item(Command.RETURN)
+            )
+        ),
+        SetMode(Mode.AUTO),
+    )
     boat.tick(SetMode(Mode.AUTO))
     boat.run(60.0)
     boat.report(DeviceRole.LINK, DeviceState.SILENT)
@@ -329,7 +338,8 @@ def let_servo_and_battery_fail(boat):
 def sail_with_device_faults(folder):
     """Faults of compasses, receiver, servo, battery, storage, clock, key and loop, one after another."""
     boat = Boat(
-        folder, 2, Plans(mission=plan(PlanKind.MISSION, item(16, 900, 0), item(16, 900, 900))),
+        folder, 2,
+        Plans(mission=plan(PlanKind.MISSION, item(Command.WAYPOINT, 900, 0), item(Command.WAYPOINT, 900, 900))),
         CMP_FROZEN_S=10.0, POS_JUMP_S=20.0, POS_RECKON_M=60.0, PWR_SAVE_PCT=30.0, PWR_KEEP_PCT=15.0, FS_BATT_ACT=1,
         BAT_LOW_VOLT=11.0, FS_VOLT_ACT=2, FS_RUD_ACT=1, FS_POS_ACT=0, RUD_TEMP_MAX=60.0, FS_RESUME=1,
     )  # fmt: skip
@@ -391,8 +401,13 @@ def passing(mmsi, kind, begin, velocity, interval_s=10.0, **options):
 
 def sail_in_traffic(folder):
     """Vessels ahead, astern and at rest, an echo of the boat, a distress beacon, a position that jumps."""
-    legs = plan(PlanKind.MISSION, item(16, 400, 0), item(19, 400, 60, 60, 0, 40), item(20))
-    fence = plan(PlanKind.FENCE, item(5003, 200, 0, 500))
+    legs = plan(
+        PlanKind.MISSION,
+        item(Command.WAYPOINT, 400, 0),
+        item(Command.LOITER_TIME, 400, 60, 60, 0, 40),
+        item(Command.RETURN),
+    )
+    fence = plan(PlanKind.FENCE, item(Command.INCLUDED_CIRCLE, 200, 0, 500))
     boat = Boat(
         folder, 3, Plans(mission=legs, fence=fence), AIS_ACT=1, AIS_NEAR_S=300.0, AIS_NEAR_M=150.0, AIS_STILL_M=60.0,
         LOIT_RADIUS=40.0, FENCE_ENABLE=1,
@@ -415,7 +430,7 @@ def sail_in_traffic(folder):
                 else VesselPosition(t_s, report.mmsi, report.kind, *place, report.speed_m_s, report.course_rad)
             )
 
-    boat.ships = [
+    boat.vessels = [
         passing(211000001, VesselKind.CLASS_A, (1200.0, -40.0), (-5.0, 0.0), turn_rad_s=0.001, status=0),
         passing(211000002, VesselKind.CLASS_A, (-900.0, 60.0), (4.0, 0.0), 6.0),
         passing(211000003, VesselKind.BASE_STATION, (330.0, 30.0), (0.0, 0.0)),
@@ -530,7 +545,11 @@ def sail_with_sparse_devices(folder):
     boat.run(40.0)
     boat.has_fix = True
     circle = PlanItem(
-        5003, 3, True, (150.0, 0.0, 0.0, 0.0), *(round(math.degrees(a) * 1e7) for a in boat.place(0.0, 0.0))
+        Command.INCLUDED_CIRCLE,
+        3,
+        True,
+        (150.0, 0.0, 0.0, 0.0),
+        *(round(math.degrees(a) * 1e7) for a in boat.place(0.0, 0.0)),
     )
     boat.tick(ReplacePlan(plan(PlanKind.FENCE, circle)), SetMode(Mode.LOITER))
     boat.run(40.0)
