@@ -164,7 +164,8 @@ class Boat:
 
     `speed` None: real time. `without`: sections that are left out, position or link. `plans`: names and contents of
     files in the state directory at the start. `supply`: with panels, battery, charger and monitor. `second_compass`: a
-    driver, or True for nmea. `instruments`: wind and depth (hil.ship.disturbances), with their sensors.
+    driver, or True for nmea. `instruments`: wind and depth (hil.ship.disturbances), with their sensors. `change`: a
+    function that returns the changed scenario.
     """
 
     def __init__(

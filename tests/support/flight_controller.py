@@ -4,13 +4,14 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-ARDUPILOT, PX4, INVALID = 3, 12, 8
+ARDUPILOT, PX4, INVALID = 3, 12, 8  # MAV_AUTOPILOT_...
+ALL_VALID = 0x033F  # flags of a filter with attitude, velocity and position, as those of a board with GPS
 
 
 class Board:
     """Packs messages of one component."""
 
-    def __init__(self, system=1, component=1, autopilot=ARDUPILOT, kind=11):
+    def __init__(self, system=1, component=1, autopilot=ARDUPILOT, kind=dialect.MAV_TYPE_SURFACE_BOAT):
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
         self._autopilot, self._kind = autopilot, kind
 
@@ -19,22 +20,24 @@ class Board:
         return bytes(message.pack(self._mav))
 
     def heartbeat(self):
-        return self.pack(dialect.MAVLink_heartbeat_message(self._kind, self._autopilot, 0, 0, 3, 3))
+        return self.pack(
+            dialect.MAVLink_heartbeat_message(self._kind, self._autopilot, 0, 0, dialect.MAV_STATE_STANDBY, 3)
+        )
 
     def attitude(self, heading_deg=98.5, boot_ms=10_000, *, roll_deg=0.0, pitch_deg=0.0, rates=(0.0, 0.0, 0.0)):
         yaw_rad = math.remainder(math.radians(heading_deg), math.tau)
         angles = (math.radians(roll_deg), math.radians(pitch_deg), yaw_rad)
         return self.pack(dialect.MAVLink_attitude_message(boot_ms, *angles, *rates))
 
-    def ekf(self, flags=0x033F, ratio=0.1):
+    def ekf(self, flags=ALL_VALID, ratio=0.1):
         return self.pack(dialect.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, ratio, 0.0))
 
-    def estimator(self, flags=0x033F, ratio=0.1):
+    def estimator(self, flags=ALL_VALID, ratio=0.1):
         return self.pack(
             dialect.MAVLink_estimator_status_message(1, flags, 0.1, 0.1, 0.1, ratio, 0.0, math.nan, 1.0, 1.0)
         )
 
-    def acknowledgement(self, result, command=511):
+    def acknowledgement(self, result, command=dialect.MAV_CMD_SET_MESSAGE_INTERVAL):
         return self.pack(dialect.MAVLink_command_ack_message(command, result))
 
 

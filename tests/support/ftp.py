@@ -9,7 +9,7 @@ from support.link import of_type
 
 
 class Reply:
-    """Reply to a file transfer request."""
+    """Reply to a file transfer request; `query`: opcode of the request, `last`: whether a burst is complete."""
 
     def __init__(self, message):
         self.to = (message.target_system, message.target_component)

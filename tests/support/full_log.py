@@ -27,20 +27,21 @@ from firmware_py.common.reports import (
 )
 from firmware_py.faults.fault import Fault
 from firmware_py.log.recorder import LogRecorder
+from firmware_py.plans.items import Command
 from support.link import SNAPSHOT
 
 TICKS, ARM_TICK, BREACH_TICK, STICK_TICK = 600, 100, 300, 400
 ESTIMATE = Estimate(0, 1.02, *[0.1] * 14, 1.2)
 FENCE = Plan.of(
     PlanKind.FENCE,
-    [PlanItem(5001, 0, params=(3.0, 0, 0, 0), x=x, y=y) for x, y in ((1, 2), (3, 4), (5, 9))]
-    + [PlanItem(5004, 0, params=(50.0, 0, 0, 0), x=7, y=8)],
+    [PlanItem(Command.INCLUDED_VERTEX, 0, params=(3.0, 0, 0, 0), x=x, y=y) for x, y in ((1, 2), (3, 4), (5, 9))]
+    + [PlanItem(Command.EXCLUDED_CIRCLE, 0, params=(50.0, 0, 0, 0), x=7, y=8)],
 )
 MISSION = Plan.of(
     PlanKind.MISSION,
-    [PlanItem(16, 3, x=400_000_000, y=-100_000_000), PlanItem(177, 2, params=(0.0, 2.0, 0, 0))],
+    [PlanItem(Command.WAYPOINT, 3, x=400_000_000, y=-100_000_000), PlanItem(Command.JUMP, 2, params=(0.0, 2.0, 0, 0))],
 )
-RALLY = Plan.of(PlanKind.RALLY, [PlanItem(5100, 3, x=11, y=12, z=1.0)])
+RALLY = Plan.of(PlanKind.RALLY, [PlanItem(Command.RALLY_POINT, 3, x=11, y=12, z=1.0)])
 
 
 def inputs_of(index, requests=()):

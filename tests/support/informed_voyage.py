@@ -14,7 +14,7 @@ from hil.lab.twin.plant import PLANT, Record
 
 
 class Levels(NamedTuple):
-    """Noise levels of a sea: D [deg^2/s], wave yaw [deg], its period [s] and damping, bias [deg] and its memory [s]."""
+    """Noise levels of a sea: D [deg^2/s], wave yaw [deg], period [s] and damping, rudder bias [deg] and memory [s]."""
 
     diffusion: float
     wave_deg: float
@@ -43,16 +43,19 @@ def levels_of(sea):
 
 
 @compiled_here
-def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
-    """Sail like hil/lab/twin/loop.py; `informed`: the filter has these levels; `fixed`: gains without a model."""
-    plant.begin(at, waters.ship)
+def voyage(plant_state, waters, a, estimators, control, task, record, levels, informed, fixed):
+    """Simulate like hil/lab/twin/loop.py.
+
+    `informed`: the filter has the true noise levels `levels`. `fixed`: the law has gains without a model.
+    """
+    plant.begin(plant_state, waters.ship)
     autopilot.begin(a)
     deadline_s, ticks = 0.0, 0
-    while at.row < record.heading_rad.size - 1:
-        plant.advance_to_tick(at, waters, record, deadline_s)
+    while plant_state.row < record.heading_rad.size - 1:
+        plant.advance_to_tick(plant_state, waters, record, deadline_s)
         autopilot.receive_goals(a, task, deadline_s)
         if informed:
-            s, f = taken.heading, taken.heading.filter
+            s, f = estimators.heading, estimators.heading.filter
             # With an early start time the filter does not choose a candidate.
             f = heading_filter.HeadingFilter(
                 f.t_s, -1e6, f.motion, levels, f.learning, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad,
@@ -62,19 +65,25 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
                 s.sources, f, s.uncorrected, s.uncorrected_s, s.check, s.delay, s.smoothed, s.bias_mean_rad,
                 s.rudder_rad, s.wave_yaw_rad2,
             )  # fmt: skip
-            taken = EstimatorState(
-                s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s
+            estimators = EstimatorState(
+                s,
+                estimators.water,
+                estimators.heading_s,
+                estimators.heading_interval_s,
+                estimators.fix_s,
+                estimators.fix_interval_s,
             )
-        taken, n = estimator.update(a, at, taken, deadline_s)
+        estimators, tick = estimator.update(a, plant_state, estimators, deadline_s)
         if fixed:
-            n = TickEstimate(
-                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.delay_log_ratio, n.disturbance,
-                n.rudder_rad, n.compass_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
+            tick = TickEstimate(
+                tick.started, False, tick.estimate, tick.heading_sd_rad, tick.wave_period_s, tick.delay_log_ratio,
+                tick.disturbance, tick.rudder_rad, tick.compass_rad, tick.heading_interval_s, tick.inconsistent,
+                tick.current_strong,
             )  # fmt: skip
-        helm = autopilot.steer(a, helm, n, deadline_s)
-        plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
+        control = autopilot.steer(a, control, tick, deadline_s)
+        plant.send_rudder(plant_state, deadline_s, a.boat.servo_sign * a.state.command_rad)
         if ticks < record.ticks.shape[0]:
-            loop.write_row(record.ticks[ticks], a, helm, n, deadline_s)
+            loop.write_row(record.ticks[ticks], a, control, tick, deadline_s)
             ticks += 1
         deadline_s = autopilot.next_deadline(deadline_s, a.state.newest_s)
     return ticks

@@ -429,13 +429,13 @@ class Months:
         clock = Clock(world, begin_s)
         store = clock.store = Store(self.directory)
         opened.callback(store.close)
-        kept, plans = read_state(self.directory, store, say)
+        state_directory, plans = read_state(self.directory, store, say)
         values = ParameterSet()
         for name, value in SETTINGS.items():
             values = values.replaced(name, value)
-        parameters = kept.apply_parameters(values)
-        state = resume(State.at_start(parameters, plans), kept.resume_record(), Moment(clock.utc_s()), say)
-        autopilot = Autopilot(state, kept)
+        parameters = state_directory.apply_parameters(values)
+        state = resume(State.at_start(parameters, plans), state_directory.resume_record(), Moment(clock.utc_s()), say)
+        autopilot = Autopilot(state, state_directory)
         recorder = LogRecorder(
             self.directory / LOG_DIRECTORY,
             parameters=parameters,

@@ -26,9 +26,10 @@ from hil.sim.truth import Truth
 (HEADING, RATE, DRIFT, MEAN, FLOAT, FLOAT_RATE, WAVE, WAVE_RATE, LEEWAY, NORTH, EAST, SPEED) = range(12)
 STATES = 12
 GRID_S, STEPS_PER_ROW, STEP_S = 0.02, 5, 0.1
+# Of the rudder: limit, largest change in a grid step, and resolution.
 LIMIT_RAD, SLEW_RAD, COUNT_RAD = radians(30.0), radians(30.0) * GRID_S, TWO_PI / 4096
-COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0
-VELOCITY_VARIANCE = 0.03**2
+COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0  # [rad^2]: noise and resolution
+VELOCITY_VARIANCE = 0.03**2  # [(m/s)^2]
 # Prior standard deviations of the quantities that a boat does not know.
 UNKNOWN = {MEAN: radians(4.5), LEEWAY: radians(5.0), NORTH: 0.2, EAST: 0.2, SPEED: 0.4}
 EXPECTED = {SPEED: 0.5}
@@ -55,7 +56,7 @@ class Knowledge(NamedTuple):
     lag_s: float
     norrbin_s2: float
     has_float: bool
-    follow: tuple[float, float, float, float]
+    float_step: tuple[float, float, float, float]  # transition of the float in a grid step
     knows_drift: bool
 
 
@@ -115,16 +116,16 @@ def take_velocity(x, p, known, heading_rad, noise_m_s):
 
 
 @compiled
-def steer(x, known, gain, band_rad, goal_rad, command_rad):
+def steer(x, known, gain, deadband_rad, goal_rad, command_rad):
     """Return the next rudder command."""
     rate_gain_s = (math.sqrt(1.0 + 2.0 * known.ability_1_s * known.lag_s * gain) - 1.0) / known.ability_1_s
     demand_rad = gain * wrap_pi(goal_rad - x[HEADING]) - rate_gain_s * x[RATE] + x[DRIFT] + x[MEAN]
     demand_rad = clamp(demand_rad, -LIMIT_RAD, LIMIT_RAD)
-    return np.rint(clamp(command_rad, demand_rad - band_rad, demand_rad + band_rad) / COUNT_RAD) * COUNT_RAD
+    return np.rint(clamp(command_rad, demand_rad - deadband_rad, demand_rad + deadband_rad) / COUNT_RAD) * COUNT_RAD
 
 
 @compiled
-def voyage(known, sea, gain, band_rad, goals, rows):
+def voyage(known, sea, gain, deadband_rad, goals, rows):
     """Simulate a run; fill heading and rudder at 10 Hz. Ticks and fixes are at the samples of the compass."""
     x, p = known.first.copy(), known.first_covariance.copy()
     psi = r = floating = float_rate = shaft_rad = command_rad = 0.0
@@ -144,13 +145,13 @@ def voyage(known, sea, gain, band_rad, goals, rows):
                 epoch += 1
             if known.knows_drift:
                 x[DRIFT] = offset_rad
-            command_rad = steer(x, known, gain, band_rad, goals[goal, 1], command_rad)
+            command_rad = steer(x, known, gain, deadband_rad, goals[goal, 1], command_rad)
             sample += 1
         previous_rad, previous_shaft_rad = psi, shaft_rad
         shaft_rad += clamp(command_rad - shaft_rad, -SLEW_RAD, SLEW_RAD)
         rudder_rad, bias_rad = 0.5 * (previous_shaft_rad + shaft_rad), known.truth[MEAN] + offset_rad
         psi, r = rk4_step(psi, r, rudder_rad, GRID_S, known.ability_1_s, known.lag_s, known.norrbin_s2, bias_rad)
-        middle_rad, (f00, f01, f10, f11) = 0.5 * (previous_rad + psi), known.follow
+        middle_rad, (f00, f01, f10, f11) = 0.5 * (previous_rad + psi), known.float_step
         difference_rad, rate_rad_s = floating - middle_rad, float_rate
         floating = middle_rad + f00 * difference_rad + f01 * rate_rad_s
         float_rate = f10 * difference_rad + f11 * rate_rad_s
@@ -204,12 +205,12 @@ def knowledge_of(scenario, learns, *, knows_drift, is_walking=False):
             noise[index, index] += RANDOM_WALKS[index] * STEP_S
     if knows_drift:
         noise[: DRIFT + 1] = noise[:, : DRIFT + 1] = covariance[DRIFT, DRIFT] = 0.0
-    body, follow = disturbances.float_body, ((0.0, 0.0), (0.0, 0.0))
+    body, float_step = disturbances.float_body, ((0.0, 0.0), (0.0, 0.0))
     if body is not None:
-        follow = float_transition(body.own_frequency_rad_s, body.damping, GRID_S)
+        float_step = float_transition(body.own_frequency_rad_s, body.damping, GRID_S)
     numbers = (ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2)
     arrays = (transition, rudder_gain, noise, initial, covariance, truth)
-    return Knowledge(*arrays, *numbers, body is not None, (*follow[0], *follow[1]), knows_drift)
+    return Knowledge(*arrays, *numbers, body is not None, (*float_step[0], *float_step[1]), knows_drift)
 
 
 def drawn_of(scenario, seed, seconds):

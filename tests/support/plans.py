@@ -2,9 +2,12 @@
 
 import math
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from firmware_py.common.angles import radians
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.plans.items import Command
 from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.store import Store
 
@@ -19,12 +22,12 @@ def placed(north_m, east_m):
 
 
 def item(command, north_m=None, east_m=None, *params, autocontinue=True):
-    """Return a mission item with a position in metres from the start."""
+    """Return an item with a position in metres from the start, or without one; `params` are 1 to 4, others 0."""
     x = y = 0
     if north_m is not None:
         x, y = (round(math.degrees(angle) * 1e7) for angle in placed(north_m, east_m))
     filled = (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4]
-    return PlanItem(command, 3, autocontinue, filled, x, y)
+    return PlanItem(int(command), mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, autocontinue, filled, x, y)
 
 
 def mission(*items):
@@ -47,7 +50,10 @@ def save_plans(directory, plans):
 
 # Fence around the start: 200 m to south and west, 400 m to north and east, with two excluded areas.
 FENCE_ITEMS = (
-    *(item(5001, north_m, east_m, 4) for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))),
-    *(item(5002, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
-    item(5004, -100, -100, 30),
+    *(
+        item(Command.INCLUDED_VERTEX, north_m, east_m, 4)
+        for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))
+    ),
+    *(item(Command.EXCLUDED_VERTEX, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
+    item(Command.EXCLUDED_CIRCLE, -100, -100, 30),
 )

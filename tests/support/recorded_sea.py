@@ -8,7 +8,7 @@ import numpy as np
 START_DEG = (63.4, 10.4)
 EARTH_M = 6_371_000.0
 FINE_S = 0.05
-K, T, SPEED_M_S, CURRENT_M_S = 0.049, 4.0, 0.5, 0.15
+K, T, SPEED_M_S, CURRENT_M_S = 0.049, 4.0, 0.5, 0.15  # K [1/s], T [s]; the current sets north
 
 
 def coloured(rng, sd, period_s, damping, count):

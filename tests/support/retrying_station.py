@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from support.program import unused_ports
 from support.station import PATIENCE_S
 
-REQUEST = 512
+REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
 ACCEPTED, IN_PROGRESS = 0, 5
 RETRY_S = 0.5
 
@@ -69,7 +69,10 @@ class RetryingStation:
         )
 
     def upload(self, places):
-        """Send a mission; a generator that ends at the acknowledgement and returns whether it is accepted."""
+        """Send a mission of waypoints (x, y) [1e-7 deg].
+
+        It is a generator that ends at the acknowledgement and returns whether the mission is accepted.
+        """
         items = [(0, 0), *places]
         self.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
         deadline_s = time.monotonic() + PATIENCE_S
@@ -78,7 +81,8 @@ class RetryingStation:
                 name = message.get_type()
                 if name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                     x, y = items[message.seq]
-                    fields = (1, 1, message.seq, 6, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0)
+                    frame, command = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT
+                    fields = (1, 1, message.seq, frame, command, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0)
                     self.send(mavlink.MAVLink_mission_item_int_message(*fields))
                 elif name == "MISSION_ACK":
                     return message.type == ACCEPTED

@@ -23,6 +23,7 @@ from firmware_py.common.records import (
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.model.kt import OCEAN_RAMBLER
+from firmware_py.plans.items import Command
 from hil.devices.nmea_gps import Gaps
 from hil.ship.disturbances import NO_DISTURBANCES, Receiver
 from hil.ship.drift import RudderDrift
@@ -99,7 +100,10 @@ class TickHull:
 
 
 class FineHull(Hull):
-    """The hull with all disturbances, in five steps of its grid; the rudder moves linearly between two ticks."""
+    """The hull with all disturbances, in five steps of its grid; the rudder moves linearly between ticks.
+
+    `grip`: share of the rudder that acts; 0: the rudder is lost.
+    """
 
     def __init__(self, scenario, seed):
         super().__init__(scenario, OCEAN_RAMBLER, seed)
@@ -222,7 +226,11 @@ class Sailing:
 @functools.cache
 def on_a_mission():
     """Return a boat on the second leg of a mission; it is shared and must not be changed."""
-    legs = mission(item(16, 10.0, 0.0, 0, 5), item(16, 300.0, 0.0, 0, 5), item(16, 300.0, 300.0, 0, 5))
+    legs = mission(
+        item(Command.WAYPOINT, 10.0, 0.0, 0, 5),
+        item(Command.WAYPOINT, 300.0, 0.0, 0, 5),
+        item(Command.WAYPOINT, 300.0, 300.0, 0, 5),
+    )
     boat = Sailing(sea(), plans=legs).get_under_way(Mode.AUTO)
     return boat.run(120.0, until=lambda boat: boat.state.guidance.mission.index == 1).run(10.0)
 

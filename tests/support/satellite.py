@@ -19,7 +19,7 @@ from support.link import SNAPSHOT, FakeRequestHandler, MemoryTransport, MemoryVa
 
 KEY = bytes(range(32))
 START_UTC_S = 1_793_491_200.0  # 2026-11-01
-EPOCH_S = 1_420_070_400
+EPOCH_S = 1_420_070_400  # 2015-01-01, from which the numbers of messages count
 
 
 class ModemLine:
@@ -126,4 +126,4 @@ class SatelliteBoat:
 
 
 def set_mode(mode, target=1):
-    return mavlink.MAVLink_command_long_message(target, 1, 176, 0, 1, mode, 0, 0, 0, 0, 0)
+    return mavlink.MAVLink_command_long_message(target, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)

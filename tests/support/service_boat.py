@@ -8,6 +8,7 @@ import time
 import pytest
 
 from firmware_py.install.service_files import TRIAL, Service, build_trial_script, build_unit
+from firmware_py.plans.items import Command
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.slots import read_content
 from hil.bench.rig import GoalRecorder
@@ -19,8 +20,9 @@ from support.service_manager import ServiceManager
 SETTINGS = {"BOOT_RESUME": 2, "WP_RADIUS": 5.0, "CLK_SET": 0}
 AUTO, ARMED = 10, 128
 ARM, SET_MODE, SET_CURRENT = 400, 176, 224
+FORCE_ARM = 21196.0  # skips the arming checks
 HEARTBEAT, CURRENT, TARGET = 0, 42, 87
-ITEMS = tuple(item(16, 4000.0 * math.cos(0.7 * n), 4000.0 * math.sin(0.7 * n)) for n in range(8))
+ITEMS = tuple(item(Command.WAYPOINT, 4000.0 * math.cos(0.7 * n), 4000.0 * math.sin(0.7 * n)) for n in range(8))
 PATIENCE_S = 45.0
 
 
@@ -70,7 +72,7 @@ class ServiceBoat:
         """Arm, start the mission, and steer to its first item."""
         self.goals.first_after(0.0)
         give_up_s = time.monotonic() + PATIENCE_S
-        while not (self.order(SET_MODE, 1.0, float(AUTO)) and self.order(ARM, 1.0, 21196.0)):
+        while not (self.order(SET_MODE, 1.0, float(AUTO)) and self.order(ARM, 1.0, FORCE_ARM)):
             assert time.monotonic() < give_up_s  # it is refused without heading and position
         self.go_to(1)
 

@@ -19,6 +19,7 @@ def table(header, columns, separator=",", decimal="."):
     return "\n".join([header, *(separator.join(row) for row in texts)]) + "\n"
 
 
+# Columns in degrees, degrees per second and knots, and in SI units.
 DEGREES = (TIME, RUDDER / DEGREE, HEADING / DEGREE, RATE / DEGREE, SPEED / KNOT)
 PLAIN = (TIME, RUDDER, HEADING, RATE, SPEED)
 MIDNIGHT = datetime(2024, 5, 1, 23, 59, 50, tzinfo=UTC)

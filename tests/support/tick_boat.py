@@ -37,7 +37,7 @@ class Boat:
         self.heading_rad, self.rate_rad_s, self.shaft_rad = heading_rad, 0.0, 0.0
         self.index = 0
         self.measures, self.effect = True, 1.0  # whether the servo measures its angle; effect of the rudder
-        self.compass = self.servo = True
+        self.compass = self.servo = True  # whether they send
         self.compass_ticks = self.position_ticks = self.servo_ticks = 1  # interval of samples
         self.position = None
         self.noise_rad, self.rng = noise_rad, random.Random(seed)
