@@ -59,12 +59,7 @@ class DecideTogether:
 
 
 class FakeRequestHandler(DecideTogether):
-    """Request handler with a fixed answer, which stores parameters and plans.
-
-    Plans and parameters are stored at once, or with `at_once` False when the test calls the entries of `waiting` with
-    the result; `orders_at_once` is the same for modes and goals. `plans_stored` and `orders_stored` are the results of
-    storing at once.
-    """
+    """Request handler with a fixed answer, which stores parameters and plans."""
 
     def __init__(self):
         self.requests = []
