@@ -1,1 +1,1 @@
-"""The ground stations' side: MAVLink 2 over UDP, TCP and serial lines."""
+"""Links to ground stations: MAVLink over UDP, TCP, serial lines and satellite, and output of NMEA 0183."""

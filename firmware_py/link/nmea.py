@@ -283,15 +283,15 @@ class NmeaOutput:
 
 
 def open_output(
-    url: str, open_line: Callable[[str, int], ByteLine], say: Callable[[str], None] | None = None
+    url: str, open_line: Callable[[str, int], ByteLine], report_retry: Callable[[str], None] | None = None
 ) -> NmeaOutput:
-    """Open an output; raise LinkError if that fails. `say` is `report_retry` of `open_transport`."""
+    """Open an output; raise LinkError if that fails. `report_retry` is that of `open_transport`."""
     location, _, query = url.removeprefix(NMEA_PREFIX).partition("?")
     kind, _, rest = location.partition(":")
     if kind not in _KINDS:
         raise LinkError(f"link {url[:120]!r}: {abbreviate(kind)} is not supported for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
-    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, report_retry=say, receives=False)
+    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, report_retry=report_retry, receives=False)
     needed_byte_rate = len(options.sentences) * MAX_SENTENCE_BYTES * options.rate_hz
     if transport.byte_rate is not None and needed_byte_rate > transport.byte_rate:
         transport.close()

@@ -253,7 +253,8 @@ class Rig:
 
     def prove(self, address="station"):
         """Send two heartbeats, the second after a reply: the address is proven and its peer becomes active."""
-        beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+        ground_station, no_autopilot = mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID
+        beat = mavlink.MAVLink_heartbeat_message(ground_station, no_autopilot, 0, 0, 0, 3)
         return [*self.send(beat, address=address), *self.send(beat, address=address)]
 
     def frame(self, message):

@@ -1,1 +1,1 @@
-"""The parameter protocol, and what parameters mean to ground stations."""
+"""The parameter protocols, and the parameter files for ground stations."""

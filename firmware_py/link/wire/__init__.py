@@ -1,1 +1,1 @@
-"""Bytes: transports, framing, queues."""
+"""Transports, frames, and queues of messages to be sent."""

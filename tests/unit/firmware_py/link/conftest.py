@@ -1,4 +1,4 @@
-"""Links in memory, with and without files behind them."""
+"""Fixtures: links in memory, with and without files on disk, and selection of sent messages."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def ftp_station():
 
 @pytest.fixture
 def rig():
-    """A rig whose peer has had its greeting."""
+    """A rig that has sent the first messages to its peer."""
     made = Rig()
     made.endpoint.service(0.0, [])
     made.tick()
@@ -57,7 +57,7 @@ def of():
 def texts():
     """Return the STATUSTEXTs of messages, chunks put together."""
 
-    def joined(messages):
+    def join(messages):
         whole = []
         for message in of_type(messages, "STATUSTEXT"):
             if message.chunk_seq:
@@ -66,7 +66,7 @@ def texts():
                 whole.append(message.text)
         return whole
 
-    return joined
+    return join
 
 
 @pytest.fixture

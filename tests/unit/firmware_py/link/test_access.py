@@ -5,6 +5,7 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.access import RADIO_STATUS, Gate, Permission, make_reading_test
 from firmware_py.link.files.payload import Error, Opcode
@@ -16,12 +17,13 @@ from support.link import KEY, NOW, MemoryVault, sign
 MAX_BURST_DENIALS = 20
 MAX_LATE_HEARTBEATS = 4
 
+MISSION_ACK = mavlink.mavlink_map[mavlink.MAVLINK_MSG_ID_MISSION_ACK]
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
-BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
 ARM = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
 DISARM = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
 GET_HOME = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_GET_HOME_POSITION, 0, 0, 0, 0, 0, 0, 0, 0)
-SET = mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)
+SET = mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, mavlink.MAV_PARAM_TYPE_REAL32)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 SETUP = mavlink.MAVLink_setup_signing_message(1, 1, KEY, NOW)
 REMOVE = mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0)
@@ -172,23 +174,26 @@ def test_radio_status_needs_no_signature(linked):
 def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
     replies = rig.send(ARM, SET)
-    answers = [message.to_dict() for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR")]
+    denials = [message.to_dict() for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR")]
     error = mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
-    assert answers == [
+    assert denials == [
         mavlink.MAVLink_command_ack_message(
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190
         ).to_dict(),
         {**mavlink.MAVLink_param_error_message(255, 190, b"CTL_K1", -1, error).to_dict(), "param_id": "CTL_K1"},
     ]
     assert texts(replies) == ["COMMAND_LONG refused: not signed", "PARAM_SET refused: not signed"]
-    (extended,) = of(rig.send(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
+    (extended,) = of(
+        rig.send(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", mavlink.MAV_PARAM_TYPE_REAL32)),
+        "PARAM_EXT_ACK",
+    )
     assert (extended.param_id, extended.param_result) == ("CTL_K1", mavlink.PARAM_ACK_FAILED)
     assert of(rig.send(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
     others = [
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 2),
         mavlink.MAVLink_mission_item_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 1),
         mavlink.MAVLink_command_int_message(1, 1, 3, mavlink.MAV_CMD_DO_REPOSITION, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-        mavlink.MAVLink_set_mode_message(1, 1, 4),
+        mavlink.MAVLink_set_mode_message(1, 1, Mode.HOLD),
         mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
         mavlink.MAVLink_mission_item_int_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
@@ -198,20 +203,20 @@ def test_refusal_is_sent_as_the_reply_of_the_protocol(linked, of, texts):
     ]
     replies = [message for other in others for message in rig.send(other)]
     assert rig.request_handler.intents == []
-    answers = [message.to_dict() for message in replies if message.get_type() != "STATUSTEXT"]
+    denials = [message.to_dict() for message in replies if message.get_type() != "STATUSTEXT"]
     denied = mavlink.MAV_MISSION_DENIED
     expected = [
-        *(mavlink.mavlink_map[47](255, 190, denied, kind, 0) for kind in (2, 1)),
+        *(MISSION_ACK(255, 190, denied, kind, 0) for kind in (2, 1)),
         *(
             mavlink.MAVLink_command_ack_message(number, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190)
             for number in (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAVLINK_MSG_ID_SET_MODE)
         ),
-        *(mavlink.mavlink_map[47](255, 190, denied, 0, 0) for _ in range(3)),
+        *(MISSION_ACK(255, 190, denied, 0, 0) for _ in range(3)),
         mavlink.MAVLink_file_transfer_protocol_message(
             0, 255, 190, [6, 0, 2, Opcode.NAK, 1, Opcode.CREATE, *[0] * 6, Error.FILE_PROTECTED, *[0] * 238]
         ),
     ]
-    assert answers == [message.to_dict() for message in expected]
+    assert denials == [message.to_dict() for message in expected]
 
 
 def test_request_for_data_is_not_a_command(linked, of):
@@ -220,8 +225,8 @@ def test_request_for_data_is_not_a_command(linked, of):
     (ack,) = of(rig.send(GET_HOME), "COMMAND_ACK")
     assert ack.result != mavlink.MAV_RESULT_DENIED
     read = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, Opcode.OPEN_READ, *[0] * 247])
-    (answer,) = of(rig.send(read), "FILE_TRANSFER_PROTOCOL")
-    assert answer.payload[12] != Error.FILE_PROTECTED
+    (reply,) = of(rig.send(read), "FILE_TRANSFER_PROTOCOL")
+    assert reply.payload[12] != Error.FILE_PROTECTED
     assert of(rig.send(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
 
 

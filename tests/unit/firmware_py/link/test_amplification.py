@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.records import RudderCommand
 from firmware_py.common.reports import Output
 from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.files.payload import Opcode
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from support.link import SNAPSHOT, FakeRequestHandler
@@ -25,26 +26,26 @@ def file_request(opcode, size=0, data=b""):
     return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list((head + data).ljust(251, b"\0")))
 
 
-# Every request that a short frame can make for a long answer, and some that are harmless.
+# Every short request with a long reply, and some with a short one.
 REQUESTS = {
     "HEARTBEAT": mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3),
     "PING": mavlink.MAVLink_ping_message(1, 1, 0, 0),
     "TIMESYNC": mavlink.MAVLink_timesync_message(0, 1),
     "PARAM_REQUEST_READ": mavlink.MAVLink_param_request_read_message(1, 1, b"", 0),
     "PARAM_REQUEST_LIST": mavlink.MAVLink_param_request_list_message(1, 1),
-    "PARAM_SET": mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9),
+    "PARAM_SET": mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, mavlink.MAV_PARAM_TYPE_REAL32),
     "MISSION_REQUEST_LIST": mavlink.MAVLink_mission_request_list_message(1, 1),
     "MISSION_COUNT": mavlink.MAVLink_mission_count_message(1, 1, 500, 0),
     "LOG_REQUEST_LIST": mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF),
     "LOG_REQUEST_DATA": mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 0xFFFFFFFF),
     "REQUEST_DATA_STREAM": mavlink.MAVLink_request_data_stream_message(1, 1, 0, 50, 1),
-    "FTP list": file_request(3),
-    "FTP open": file_request(4, 16, b"@PARAM/param.pck"),
-    "FTP burst": file_request(15, 239),
-    "all modes": command(512, 435, 0),
-    "MESSAGE_INTERVAL": command(511, 30, 20_000),
-    "version": command(512, 148),
-    "arm": command(400, 1),
+    "FTP list": file_request(Opcode.LIST),
+    "FTP open": file_request(Opcode.OPEN_READ, 16, b"@PARAM/param.pck"),
+    "FTP burst": file_request(Opcode.BURST_READ, 239),
+    "all modes": command(mavlink.MAV_CMD_REQUEST_MESSAGE, 435, 0),  # AVAILABLE_MODES
+    "MESSAGE_INTERVAL": command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20_000),
+    "version": command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    "arm": command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1),
     "unknown command": command(9999),
     "SETUP_SIGNING": mavlink.MAVLink_setup_signing_message(1, 1, bytes(range(32)), 1),
 }
@@ -66,9 +67,9 @@ def boat():
     endpoint.close()
 
 
-def drawn_bytes(endpoint, end, since_s):
+def bytes_in_a_minute(endpoint, end, since_s):
     """Simulate a minute and return the bytes received by a socket."""
-    drawn = 0
+    received_bytes = 0
     for turn in range(int(MINUTE_S / TICK_S)):
         now_s = since_s + turn * TICK_S
         if turn == 0:
@@ -78,8 +79,8 @@ def drawn_bytes(endpoint, end, since_s):
             endpoint.service(now_s, [])
         endpoint.publish(Output(RudderCommand(0.0, True), SNAPSHOT), now_s)
         while select.select([end], [], [], 0.0)[0]:
-            drawn += len(end.recv(65536))
-    return drawn
+            received_bytes += len(end.recv(65536))
+    return received_bytes
 
 
 @pytest.mark.parametrize("name", [*REQUESTS, "all of them"])
@@ -91,8 +92,8 @@ def test_forged_frame_is_amplified_less_than_ten_times(boat, name):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         end.bind(("127.0.0.1", 0))
         end.sendto(frame, address)
-        drawn = drawn_bytes(endpoint, end, 1.0)
-    assert 0 < drawn < 10 * len(frame)
+        received_bytes = bytes_in_a_minute(endpoint, end, 1.0)
+    assert 0 < received_bytes < 10 * len(frame)
 
 
 def test_one_forged_frame_per_minute_is_not_amplified_more(boat):
@@ -103,4 +104,4 @@ def test_one_forged_frame_per_minute_is_not_amplified_more(boat):
         end.bind(("127.0.0.1", 0))
         for minute in range(3):
             end.sendto(frame, address)
-            assert drawn_bytes(endpoint, end, 1.0 + minute * MINUTE_S) < 10 * len(frame)
+            assert bytes_in_a_minute(endpoint, end, 1.0 + minute * MINUTE_S) < 10 * len(frame)

@@ -13,8 +13,8 @@ QUIET_S = 10.0
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
 ANOTHER_KEY, NO_KEY = bytes(32 * [9]), bytes(32)
-BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
-ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
+ARM = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
 
@@ -84,7 +84,9 @@ def send_mavlink_1(rig):
     old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
     beat = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(old)
     read = mavlink1.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1).pack(old)
-    arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
+    arm = mavlink1.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
+    ).pack(old)
     return result_of(rig, beat, beat, read, arm)
 
 

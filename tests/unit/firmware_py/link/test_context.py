@@ -22,7 +22,7 @@ from firmware_py.link.wire.outbox import UnsignedSealer
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from support.link import SNAPSHOT, FakeRequestHandler, MemoryTransport
 
-BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
 BREACHED = 1 << Fault.FENCE_BREACHED
 
 
@@ -195,8 +195,8 @@ def test_arming_checks_are_sent_before_the_first_heartbeat_of_an_armed_boat(make
 
 def test_silent_peer_is_sent_arming_checks_before_each_heartbeat(rig, of):
     """On a link that the boat opens itself, a station may start or restart at any time."""
-    kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
-    assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
+    sent_kinds = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
+    assert sent_kinds == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
     rig.send(BEAT)
     assert of(rig.ticks(20), "PARAM_VALUE") == []
     assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2

@@ -384,7 +384,7 @@ def converse(boat, client):
     """Exchange heartbeat, parameter and command with an independent client."""
     client.mav.heartbeat_send(6, 8, 0, 0, 0)
     assert boat.serve(client, "HEARTBEAT").type == mavlink.MAV_TYPE_SURFACE_BOAT
-    client.mav.param_set_send(1, 1, b"CTL_K1", 42.5, 9)
+    client.mav.param_set_send(1, 1, b"CTL_K1", 42.5, mavlink.MAV_PARAM_TYPE_REAL32)
     assert boat.serve(client, "PARAM_VALUE").param_value == 42.5
     client.mav.command_long_send(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
     assert boat.serve(client, "COMMAND_ACK").result == 0

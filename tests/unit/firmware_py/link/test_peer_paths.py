@@ -16,7 +16,7 @@ from firmware_py.link.wire.urls import parse_options
 DUPLICATE_S = 10.0
 MIN_IDENTICAL_FRAMES = 3
 
-BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
 RADIO, OTHER = ("10.0.0.1", 1), ("10.0.0.2", 2)  # a router's two sockets
 ITEMS = 30
 KEY = bytes(range(100, 132))
@@ -26,12 +26,12 @@ def yaw(angle_deg):
     return mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_CONDITION_YAW, 0, angle_deg, 0, 1, 1, 0, 0, 0)
 
 
-def arm(wanted):
-    return mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, wanted, 0, 0, 0, 0, 0, 0)
+def arm(value):
+    return mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, value, 0, 0, 0, 0, 0, 0)
 
 
 def parameter(value):
-    return mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", value, 9)
+    return mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", value, mavlink.MAV_PARAM_TYPE_REAL32)
 
 
 class TwoPaths:

@@ -17,7 +17,7 @@ MAX_PENDING_PEERS = 16
 QUIET_S = 10.0
 UNPROVEN_AFTER_S = 10.0
 
-BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
 
@@ -245,14 +245,14 @@ def test_host_does_not_evict_pending_peers_of_another_host(open_rig):
 
 
 def test_silent_peer_is_removed(open_rig):
-    open_rig.prove("speaks")
+    open_rig.prove("active")
     open_rig.prove("silent")
     open_rig.now_s = 299.0
-    open_rig.send(BEAT, address="speaks")
+    open_rig.send(BEAT, address="active")
     open_rig.tick(seconds=1.0)
-    assert active_addresses(open_rig) == {"speaks", "silent"}
+    assert active_addresses(open_rig) == {"active", "silent"}
     open_rig.tick()
-    assert active_addresses(open_rig) == {"speaks"}
+    assert active_addresses(open_rig) == {"active"}
 
 
 def test_damaged_frames_of_removed_peers_are_counted(connected):

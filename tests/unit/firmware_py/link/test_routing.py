@@ -18,7 +18,7 @@ MAX_BURST = 100
 MAX_ROUTES = 64
 ROUTE_TIMEOUT_S = 10.0
 
-BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)  # of an onboard controller
 
 
 class NetworkComponent:

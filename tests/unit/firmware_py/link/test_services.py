@@ -22,8 +22,8 @@ def test_long_replies_to_several_peers_are_sent_in_turn(make_rig, of):
     names = ("first", "second", "third")
     rig = make_rig(addresses=names)
     rig.tick()
-    wanted = mavlink.MAVLink_param_request_list_message(*SYSTEM_AND_COMPONENT)
-    rig.transport.inbox += [(name, rig.frame(wanted)) for name in names]
+    request = mavlink.MAVLink_param_request_list_message(*SYSTEM_AND_COMPONENT)
+    rig.transport.inbox += [(name, rig.frame(request)) for name in names]
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     rig.finish()
     turns = [address for address, _ in rig.transport.sent]
@@ -95,14 +95,14 @@ def shell_input(device=SHELL, flags=mavlink.SERIAL_CONTROL_FLAG_RESPOND, text=b"
 
 
 def test_console_input_gets_the_reply_that_there_is_no_shell(rig):
-    (answer,) = rig.send(shell_input())
-    assert (answer.device, answer.flags, answer.timeout, answer.baudrate) == (
+    (reply,) = rig.send(shell_input())
+    assert (reply.device, reply.flags, reply.timeout, reply.baudrate) == (
         SHELL,
         mavlink.SERIAL_CONTROL_FLAG_REPLY,
         0,
         0,
     )
-    assert bytes(answer.data[: answer.count]) == b"no shell over MAVLink; log in by ssh\r\n"
+    assert bytes(reply.data[: reply.count]) == b"no shell over MAVLink; log in by ssh\r\n"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,10 @@ STATION_REPEAT_S = 1.0
 
 
 class LossyLink:
-    """Delivers frames after a delay, not at all, or twice; each with a probability of a quarter."""
+    """Delivers frames late, not at all, or twice; each with a probability of a quarter.
+
+    `delay_s` is the range of the delay of late frames. Others have at most `max_usual_delay_s`; None: no delay.
+    """
 
     def __init__(self, rng, delay_s, max_usual_delay_s=None):
         self.rng = rng
@@ -38,7 +41,7 @@ class LossyLink:
 
 
 class FarStation:
-    """A ground station that repeats its last message until it gets the reply, without a time limit."""
+    """A ground station behind two lossy links; `near` exchanges messages with the boat without loss."""
 
     def __init__(self, station, seed):
         self.near = station

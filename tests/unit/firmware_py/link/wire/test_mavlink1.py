@@ -10,7 +10,7 @@ from firmware_py.link.wire.frames import Codec, Frame, VersionDetector, stamp, t
 from support.link import of_type
 
 HEARTBEAT, RADIO_STATUS = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_RADIO_STATUS
-BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)  # of a ground station
 READ = mavlink1.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 GET_HOME = mavlink1.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_GET_HOME_POSITION, 0, 0, 0, 0, 0, 0, 0, 0)
 NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}

@@ -228,9 +228,9 @@ def test_silent_target_is_looked_up_again(open_udp, monkeypatch):
     names.addresses = ("127.0.0.3", "127.0.0.4")
     poll(transport, range(61), lambda: transport.addresses() == (("127.0.0.3", 14550),))
     # The address is kept while it is valid, and during any failure.
-    answers = [("127.0.0.4", "127.0.0.3"), OSError("no answer"), LookupError("unknown encoding: idna"), OSError()]
-    for start_s, answer in zip((61, 122, 183, 244), answers, strict=True):
-        names.addresses, queries = answer, names.queries
+    results = [("127.0.0.4", "127.0.0.3"), OSError("no answer"), LookupError("unknown encoding: idna"), OSError()]
+    for start_s, result in zip((61, 122, 183, 244), results, strict=True):
+        names.addresses, queries = result, names.queries
         poll(transport, range(start_s, start_s + 61), lambda queries=queries: names.queries > queries)
         transport.poll(start_s + 60.5)
     assert transport.addresses() == (("127.0.0.3", 14550),)
