@@ -239,6 +239,6 @@ def _update_mission(
 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
-    """Return the margin of the fence in metres, or None if the fence is disabled or its margin is not computed yet."""
+    """Return the margin of the fence in metres, or None if the fence is disabled, empty or not computed yet."""
     is_computed = state.fence.identity == plans.fence.identity and state.fence.place is not None
     return state.fence.margin_m if enabled and plans.fence.items and is_computed else None
