@@ -41,12 +41,15 @@ def scale_angle(angle_deg: float, name: str, limit_deg: float) -> int:
 
 
 def scale_position(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
-    """Convert a position to x and y of an item."""
+    """Convert a position to x and y of an item; raise PlanFileError beyond the limits."""
     return scale_angle(latitude_deg, "latitude", 90.0), scale_angle(longitude_deg, "longitude", 180.0)
 
 
 def make_item(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
-    """Create an item from the seven parameters of a file; x and y of a position are in degrees."""
+    """Create an item from the seven parameters of a file; x and y of a position are in degrees.
+
+    Raise PlanFileError for a parameter beyond single precision and for an impossible position.
+    """
     for number, value in enumerate(params, start=1):
         if math.isfinite(value) and abs(value) > SINGLE_MAX:
             raise PlanFileError(f"param{number} is too large")

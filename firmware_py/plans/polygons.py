@@ -42,7 +42,7 @@ def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
 
 
 def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the problem of the first incomplete, flat or self-crossing polygon, or of a second return point."""
+    """Return the problem of a second return point, or of the first polygon that is invalid or too complex."""
     returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
     if len(returns) > 1:
         return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")

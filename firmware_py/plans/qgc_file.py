@@ -37,7 +37,7 @@ _TRANSECTS = "TransectStyleComplexItem"
 
 
 def read_plan(text: str, source: str) -> tuple[Plan, ...]:
-    """Read the plans of a .plan file."""
+    """Read the plans of a .plan file; raise PlanFileError with `source`, section, item and remedy."""
     document = _read_document(text, source)
     plans = []
     for section, read in (("mission", _read_mission), ("geoFence", _read_fence), ("rallyPoints", _read_rally)):

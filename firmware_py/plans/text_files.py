@@ -26,7 +26,7 @@ def split_lines(text: str) -> list[Line]:
 
 
 def read_text(text: str, source: str, *, home: bool = True) -> Plan:
-    """Read a plan; the first line defines the format. `home`: item 0 of a mission is home."""
+    """Read a plan; the first line defines the format. `home`: item 0 of a mission is home. Raise PlanFileError."""
     lines = split_lines(text)
     first_line = " ".join(lines[0][1]) if lines else ""
     if first_line == HEADER:
