@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 with a proposal, 1 without enough data, 2 if a log cannot be read or the rudder does not work."""
+    """Return 0 with a proposal, 1 without enough data, 2 for an unreadable log, a faulty rudder or a failed --save."""
     report = calibrate_rudder.report if arguments.what == "rudder" else _compass
     try:
         code, proposal = report(arguments, read_ticks(arguments.file))

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 if the logs have at least one day, 1 if they have none, 2 if a log is unreadable."""
+    """Return 0 if the logs have at least one day, 1 if they have none, 2 for an unreadable log or invalid --rest-w."""
     rest_w = arguments.rest_w
     if rest_w is not None and not 0.0 <= rest_w <= 1e5:
         return print_error("energy", "--rest-w must be 0 to 100000 W")

@@ -80,7 +80,7 @@ _PAGES: Mapping[str, Callable[[], str]] = {
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table or a page, check a file, or write one."""
+    """Print the table or a page, check a file, or write one; return 1 for errors in the file, 2 for other errors."""
     for name, page in _PAGES.items():
         if getattr(arguments, name):
             if arguments.file is not None or arguments.save is not None:

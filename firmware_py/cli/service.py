@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run a subcommand; return 2 with one line on standard error if it fails."""
+    """Run a subcommand; return 2 with one line on standard error if it fails, 1 for the status of a stopped service."""
     command: Callable[[argparse.Namespace], int] = {
         "print": _print_files, "install": _install, "status": _print_status, "remove": _remove,
     }[arguments.service_command]  # fmt: skip
