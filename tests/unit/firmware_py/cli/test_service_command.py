@@ -24,7 +24,7 @@ PROPERTIES = {
         ({"LoadState": "not-found", "ActiveState": "inactive"}, 1, "not installed\n"),
     ],
 )  # fmt: skip
-def test_status_of_the_service(monkeypatch, capsys, changes, code, text):
+def test_status_of_the_service_is_printed_and_sets_the_exit_code(monkeypatch, capsys, changes, code, text):
     values = PROPERTIES | changes
     commands = []
 

@@ -194,7 +194,7 @@ def test_better_heading_is_clearly_better_or_sufficient_and_nearer_to_the_course
     assert avoidance._is_better(best, trial, 0.0) is is_better
 
 
-def test_tick_tries_one_heading(monkeypatch):
+def test_tick_tries_at_most_three_headings(monkeypatch):
     counts = []
     try_heading = avoidance._try_heading
     monkeypatch.setattr(avoidance, "_try_heading", lambda *args: counts.append(1) or try_heading(*args))

@@ -58,7 +58,7 @@ def test_vertex_at_0_0_is_valid(first):
     assert margin_m(plan, Place(half, -half)) == pytest.approx(-half * 6371008.8, rel=0.001)
 
 
-def test_margin_of_exclusion_areas():
+def test_margin_is_negative_inside_exclusion_areas():
     plan = fence(
         *square(INCLUDED_VERTEX, 500.0),
         *square(EXCLUDED_VERTEX, 50.0, at=(200.0, 0.0)),
@@ -69,7 +69,7 @@ def test_margin_of_exclusion_areas():
     assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
 
 
-def test_margin_of_inclusion_groups():
+def test_place_must_be_inside_all_areas_of_one_group():
     both = fence(corner(INCLUDED_CIRCLE, 0.0, 0.0, 300.0), corner(INCLUDED_CIRCLE, 0.0, 200.0, 300.0))
     assert margin_m(both, CENTRE.at_offset(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
     assert margin_m(both, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)

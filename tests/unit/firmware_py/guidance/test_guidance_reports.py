@@ -41,7 +41,7 @@ ACTIVE = MissionProgress(identity=1, index=2, started=True, begun=True)
         (replace(ACTIVE, complete=True), replace(ACTIVE, complete=True), []),
     ],
 )
-def test_mission_events(previous, present, texts):
+def test_changes_of_the_mission_are_events(previous, present, texts):
     events = guidance_reports.mission_events(previous, present, first_number=1)
     assert [event.text for event in events] == texts
     assert [event.text for event in guidance_reports.mission_events(previous, present, first_number=0)] == [
@@ -63,7 +63,7 @@ FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCE_ITEMS))
         (None, False, Plans(), [(Severity.NOTICE, "Fence disabled")]),
     ],
 )
-def test_fence_events(previous, present, plans, texts):
+def test_changes_of_the_fence_are_events(previous, present, plans, texts):
     states = (GuidanceState(fence_enabled=is_enabled) for is_enabled in (previous, present))
     assert [(event.severity, event.text) for event in guidance_reports.fence_events(*states, plans)] == texts
 

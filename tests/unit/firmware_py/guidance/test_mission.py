@@ -134,7 +134,7 @@ def test_distance_condition_ends_at_the_arrival():
     assert runner.progress.index == 2
 
 
-def test_tasks_of_loiter_items():
+def test_loiter_items_keep_station_or_circle():
     turns = MissionStep(Command.LOITER_TURNS, B, None, turns=2.0, clockwise=False)
     loiter_time = MissionStep(Command.LOITER_TIME, A, 40.0, 5.0)
     runner = MissionRunner(loiter_time, turns, turns, MissionStep(Command.LOITER_UNLIMITED, C), waypoint(A))

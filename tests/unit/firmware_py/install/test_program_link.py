@@ -109,7 +109,7 @@ def test_next_switch_ends_the_earlier_trial(link, directory, start):
     assert [start()[0] for _ in range(STARTS + 1)] == ["newer"] * STARTS + ["old"]
 
 
-def test_switch_forward_and_back(link, directory, start):
+def test_switch_back_makes_the_new_program_the_previous_one(link, directory, start):
     link.switch(program(directory, "new"))
     link.end_trial()
     link.switch(link.previous())

@@ -139,7 +139,7 @@ def test_other_programs_cannot_open_serial_ports():
     ("path", "expected"),
     [("/home/pi/boat.toml", True), ("/root", True), ("/tmp/x", True), ("/etc/rambler/boat.toml", False)],
 )
-def test_paths_hidden_from_the_service(path, expected):
+def test_home_and_temporary_directories_are_hidden_from_the_service(path, expected):
     assert is_hidden(Path(path)) is expected
 
 

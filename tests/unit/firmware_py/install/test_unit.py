@@ -63,7 +63,7 @@ def test_drop_in_overrides_the_unit(directory, text):
     )
 
 
-def test_drop_in_order_and_masking(directory, tmp_path, monkeypatch):
+def test_last_drop_in_applies_unless_it_is_masked(directory, tmp_path, monkeypatch):
     monkeypatch.setattr(unit, "UNIT", directory / "a.service")
     monkeypatch.setattr(unit, "_UNIT_DIRECTORIES", (directory, tmp_path / "run"))
     (tmp_path / "run/a.service.d").mkdir(parents=True)

@@ -72,7 +72,7 @@ def save_passed(tree, program):
     store.close()
 
 
-def test_update_roll_back_and_update(tree, run_update, monkeypatch):
+def test_environment_of_a_version_is_reused_after_a_roll_back(tree, run_update, monkeypatch):
     checked = []
     monkeypatch.setattr(environment, "check_free_space", lambda new, _wheels: checked.append(new.path))
     previous_umask = os.umask(0o077)

@@ -57,7 +57,7 @@ EAST, WEST = item_at(WAYPOINT, 0, 300), item_at(WAYPOINT, 10, -300)
         ([EAST], [*SQUARE, item_at(RETURN_POINT, 510, 0)], ["Fence item 4 is 10 m outside the fence"]),
     ],
 )
-def test_breaches_of_a_mission(mission, fence, texts):
+def test_items_and_legs_outside_the_fence_are_breaches(mission, fence, texts):
     assert breach_texts(mission, fence) == texts
 
 
