@@ -27,7 +27,7 @@ class CompassErrors:
         self._lag_gain = 1.0 if errors.lag_s <= 0.0 else -math.expm1(-step_s / errors.lag_s)
         self._step_s = step_s
         self._roll = roll
-        self.roll_ratio = 1.0  # ratio of the waves to their mean
+        self.roll_ratio = 1.0  # wave amplitude relative to its mean
         self._output_rad: float | None = None
 
     def step(self, heading_rad: float) -> None:

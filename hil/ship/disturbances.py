@@ -35,7 +35,7 @@ class FloatBody:
 
 @dataclass(frozen=True, slots=True)
 class Leeway:
-    """Leeway angles, positive to starboard: constant, and the largest one from a wind on the beam."""
+    """Leeway: constant angle, positive to starboard; angle away from a wind on the beam; direction of the wind."""
 
     body_deg: float = number_field("deg", -45.0, 45.0, 5.0)
     wind_deg: float = number_field("deg", 0.0, 45.0, 0.0)
@@ -60,7 +60,7 @@ class Orbital:
 
 @dataclass(frozen=True, slots=True)
 class WaveSpeed:
-    """Speed that varies with the wave groups (spread as a share of the mean), and a calm of limited duration."""
+    """Variation of the speed: standard deviation as a share of the mean, time constant; start, duration of a calm."""
 
     spread: float = number_field("-", 0.0, 0.6, 0.25)
     memory_s: float = number_field("s", 5.0, 3600.0, 90.0)
@@ -70,7 +70,7 @@ class WaveSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """A GNSS receiver: latency, share of time without a fix, mean gap, velocity filter and velocity noise."""
+    """A GNSS receiver: latency, share of time without a fix, mean gap, time constant and noise of the velocity."""
 
     latency_s: float = number_field("s", 0.0, 5.0, 0.5)
     lost: float = number_field("share", 0.0, 1.0, 0.02)

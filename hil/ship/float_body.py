@@ -2,6 +2,8 @@
 
     d2psi_f/dt2 = w^2 (psi_g - psi_f) - 2 z w dpsi_f/dt
 
+psi_f and psi_g are the headings of float and glider, w the natural frequency, z the damping ratio.
+
 This is the reduction to headings of the two bodies of Li, Pan, Liao et al. (Applied Mathematical Modelling, 2020).
 The umbilical tension F with a lever l ahead of the float's centre gives the moment F l sin(psi_g - psi_f); the water
 damps the turn; w^2 = F l / I with the moment of inertia I of float and entrained water. The reaction on the glider

@@ -1,4 +1,4 @@
-"""Gusts of wind on the side of the float, as a rudder-equivalent angle.
+"""Gusts of wind on the side of the float, as an angle that is added to the rudder bias (positive turns to port).
 
 Each gust is a pulse peak/2 (1 - cos(2 pi t / length)), the discrete gust of aircraft certification
 (14 CFR 25.341). Gusts come at random times and do not overlap.
@@ -17,7 +17,7 @@ MIN_LENGTH_S, MAX_LENGTH_S = 10.0, 40.0
 
 
 class Gusts:
-    """A rudder-equivalent angle, zero between gusts; peaks are Rayleigh distributed, all to one side."""
+    """An angle added to the rudder bias, zero between gusts; peaks are Rayleigh distributed, all positive."""
 
     def __init__(self, strength_rad: float, step_s: float, rng: np.random.Generator) -> None:
         """Start in a pause; strength_rad is the root mean square of the peaks."""

@@ -256,7 +256,7 @@ class Hull:
         )
 
     def _disturbance_rudder_rad(self) -> float:
-        """Return the rudder-equivalent angle of bias variation and gusts."""
+        """Return the variation of the rudder bias by drift and gusts."""
         return self._drift.angle_rad + self._gusts.angle_rad
 
 

@@ -26,7 +26,7 @@ class KtPlant:
         yaw_rate_rad_s: float = 0.0,
         disturbance_rad_s: float = 0.0,
     ) -> None:
-        """Start from a heading and a yaw rate; step_s is the grid step, disturbance_rad_s bounds a disturbance."""
+        """Start from a heading and a yaw rate; disturbance_rad_s is the largest yaw rate that a disturbance adds."""
         self.heading_rad = heading_rad
         self.yaw_rate_rad_s = yaw_rate_rad_s
         self._model = model
@@ -59,9 +59,9 @@ class KtPlant:
 def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0, disturbance_rad_s: float = 0.0) -> int:
     """Return the number of Runge-Kutta steps in a grid step.
 
-    The yaw rate never exceeds the larger of its initial value and the steady turn at the largest rudder, plus the
-    disturbance. So the shortest time constant, T / (1 + 3 alpha r^2), is known in advance. Raises ValueError for a
-    model that is not physical or needs more than MAX_INNER_STEPS.
+    The yaw rate never exceeds the larger of its initial value and the steady turn at the largest rudder, plus
+    disturbance_rad_s, the largest yaw rate of a disturbance. So the shortest time constant, T / (1 + 3 alpha r^2), is
+    known in advance. Raises ValueError for a model that is not physical or needs more than MAX_INNER_STEPS.
     """
     numbers = (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad)
     if not all(math.isfinite(number) for number in numbers) or model.turning_lag_s <= 0.0 or model.norrbin_s2 < 0.0:

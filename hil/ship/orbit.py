@@ -27,7 +27,7 @@ class Orbit:
     ) -> None:
         """Start in the stationary state; without a velocity or a period there are no waves."""
         is_calm = velocity_m_s <= 0.0 or period_s <= 0.0
-        # Narrow band: displacement = velocity / angular frequency.
+        # Narrow band: displacement = velocity / angular frequency. The process is linear: metres in place of radians.
         spread_m = 0.0 if is_calm else velocity_m_s * period_s / TWO_PI
         self._process = WaveYaw(spread_m, period_s, step_s, numbers)
         self._north, self._east = math.cos(toward_rad), math.sin(toward_rad)
@@ -67,13 +67,15 @@ class ShortCrestedOrbit:
         damping: float = DAMPING,
     ) -> None:
         """Start in the stationary state; `numbers`: for the component independent of the yaw, and for no wave yaw."""
-        spread_m = velocity_m_s * period_s / TWO_PI
+        displacement_m = velocity_m_s * period_s / TWO_PI  # rms
         across = math.sqrt(0.5 * -math.expm1(-2.0 * spread_rad * spread_rad))
-        self._along_m, self._across_m = spread_m * math.sqrt(1.0 - across * across), spread_m * across
+        self._along_m, self._across_m = displacement_m * math.sqrt(1.0 - across * across), displacement_m * across
         self._toward_rad = toward_rad
-        process, spread = yaw
-        self._independent = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1], damping)
-        self._yaw, self._per_yaw = (process, 1.0 / spread) if self._independent is None else (self._independent, 1.0)
+        process, deviation_rad = yaw
+        self._independent = None if deviation_rad > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1], damping)
+        self._yaw, self._per_yaw = (
+            (process, 1.0 / deviation_rad) if self._independent is None else (self._independent, 1.0)
+        )
         self._uncorrelated = WaveYaw(1.0, period_s, step_s, numbers[0], damping)
 
     def step(self) -> None:
@@ -94,9 +96,10 @@ class ShortCrestedOrbit:
         )
 
     def _to_north_east(self, correlated: float, uncorrelated: float, heading_rad: float) -> tuple[float, float]:
+        """Return north and east, in m (m/s for rates), of the normalized motions correlated with the yaw and not."""
         twice_rad = 2.0 * (self._toward_rad - heading_rad)
         sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
-        along_m = self._along_m * (sine * correlated + cosine * uncorrelated)
-        across_m = self._across_m * (cosine * correlated - sine * uncorrelated)
+        along = self._along_m * (sine * correlated + cosine * uncorrelated)
+        across = self._across_m * (cosine * correlated - sine * uncorrelated)
         cosine_toward, sine_toward = math.cos(self._toward_rad), math.sin(self._toward_rad)
-        return along_m * cosine_toward - across_m * sine_toward, along_m * sine_toward + across_m * cosine_toward
+        return along * cosine_toward - across * sine_toward, along * sine_toward + across * cosine_toward

@@ -43,7 +43,11 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """Energy and charge since the start, in joules and coulombs; `charger_j` is the output of the charger."""
+    """Energy and charge since the start, in joules and coulombs.
+
+    `charger_j` is the output of the charger, `battery_c` the net charge into the battery, `empty_s` the time during
+    which an empty battery could not supply the loads.
+    """
 
     panel_j: float = 0.0
     charger_j: float = 0.0
@@ -141,7 +145,7 @@ class PowerPlant:
 
 
 def energy_figures(plant: PowerPlant) -> dict[str, float]:
-    """Return the energies so far in watt-hours, for the figures of a run."""
+    """Return for the figures of a run the energies so far, the state of charge (0 to 1) and the time without power."""
     totals = plant.totals
     return {
         "panel_wh": totals.panel_j / 3600.0,

@@ -67,10 +67,7 @@ class SwayModel:
 
 
 def sway_model(hull: HullForm, density_kg_m3: float = SEA_WATER_KG_M3) -> SwayModel:
-    """Estimate a hull's masses and damping, with a warning for each quantity outside the regressions.
-
-    Raises ValueError where the regressions give no sway damping or no mass.
-    """
+    """Estimate a hull's masses and damping, with a warning for each quantity outside the regressions."""
     added_surge_kg = surge_added_mass_ratio(hull) * hull.mass_kg
     added_sway_kg = -0.5 * density_kg_m3 * hull.length_m**3 * sway_acceleration_derivative(hull)
     damping_kg_m = 0.5 * density_kg_m3 * hull.length_m**2 * sway_velocity_derivative(hull)

@@ -16,12 +16,14 @@ class UnknownScenarioError(ValueError):
 class Scenario:
     """One scenario. Angles are in degrees, because the rows are edited by hand and printed in reports.
 
-    `speed_m_s` is the speed through the water, `bias_deg` the mean rudder bias and `drift_deg` the standard deviation
-    of its variation (Gauss-Markov, 100 s). `current_toward_deg` is the direction that the current flows to, with a
-    tide at the start; `tide_s` is the period of the tide (0: none) and `tide_rotary` its rotation (hil/ship/planar.py).
-    `gust_deg` is the strength of gusts, as a rudder angle (hil/ship/gusts.py). `orbital_m_s` is the standard deviation
-    of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are the
-    optional disturbances (hil/ship/disturbance_options.py).
+    `speed_m_s` is the speed through the water, `wave_period_s` the period of the spectral peak (0: no waves),
+    `wave_yaw_deg` the standard deviation of the wave yaw, `bias_deg` the mean rudder bias and `drift_deg` the standard
+    deviation of its variation (Gauss-Markov, 100 s). `current_toward_deg` is the direction that the current flows to
+    (at the start, if there is a tide); `tide_s` is the period of the tide (0: none) and `tide_rotary` the ratio of the
+    axes of its ellipse (hil/ship/planar.py).
+    `gust_deg` is the rms of the peaks of the gusts, as a rudder angle (hil/ship/gusts.py). `orbital_m_s` is the
+    standard deviation of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are
+    the optional disturbances (hil/ship/disturbance_options.py).
     """
 
     name: str

@@ -1,6 +1,8 @@
 """Speed of the boat from wave power: it varies with the wave groups and decays with the waves in a calm.
 
-U = U0 c (1 + g),   g a first-order Gauss-Markov process,   dc/dt = (1 or, in the calm, 0 - c) / 60 s
+    U = U0 c (1 + g)      dc/dt = (c_target - c) / 60 s
+
+g is a first-order Gauss-Markov process; c is the wave amplitude relative to its mean; c_target is 0 in a calm, else 1.
 """
 
 from __future__ import annotations

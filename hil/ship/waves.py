@@ -83,9 +83,10 @@ def natural_frequency(peak_period_s: float, damping: float) -> float:
 def discretise(
     spreads: tuple[float, float], omega_rad_s: float, step_s: float, damping: float = DAMPING
 ) -> tuple[Matrix, tuple[float, float, float]]:
-    """Return the transition matrix of a step and the lower Cholesky factor of its noise.
+    """Return the transition matrix A of a step and the lower Cholesky factor (n00, n10, n11) of its noise.
 
-    The stationary covariance is P = diag(spreads^2); the noise that keeps it is P - A P A'.
+    `spreads` are the standard deviations of angle and rate. The stationary covariance is P = diag(spreads^2); the noise
+    that keeps it is P - A P A'.
     """
     damped_rad_s = omega_rad_s * math.sqrt(1.0 - damping**2)
     decay = math.exp(-damping * omega_rad_s * step_s)
