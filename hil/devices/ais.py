@@ -20,13 +20,13 @@ from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
 from hil.devices.timing import Transmitter
 
 STATIC_INTERVAL_S = 360.0
-SLOTS_PER_S = 75.0  # of both channels; if two ships use one slot, FM receives the nearer one
-CAPTURE_FRACTION = 0.35  # share of the range within which a ship is received in a full channel
+SLOTS_PER_S = 75.0  # of both channels
+CAPTURE_FRACTION = 0.35  # share of the range within which a ship is received in a full channel (FM capture effect)
 OWN_INTERVAL_S = 30.0
-AT_ANCHOR = 1
-JUMP_M = 37_000.0
-SHIP_SIZE, YACHT_SIZE = (150, 30, 14, 14), (8, 4, 2, 2)
-CARGO, SAILING = 70, 36
+AT_ANCHOR = 1  # navigational status
+JUMP_M = 37_000.0  # of the positions of a ship with the error "leaps"
+SHIP_SIZE, YACHT_SIZE = (150, 30, 14, 14), (8, 4, 2, 2)  # ais_frames.Dimensions
+CARGO, SAILING = 70, 36  # AIS ship types
 
 
 class Ship(Protocol):
@@ -103,7 +103,7 @@ class AisEmulator:
         self._sent = 0
         self._slots = SLOTS_PER_S
         self._slots_s = 0.0
-        self.unsent = 0  # messages without a slot
+        self.unsent = 0  # messages lost because all slots were taken
         # Time, ship (-1: the boat itself), static data (else position), number of messages so far.
         self._due: list[tuple[float, int, bool, int]] = [(1.0, -1, False, 0)]
         for number, ship in enumerate(self._ships):

@@ -6,6 +6,7 @@ Written from ITU-R M.1371-5 and IEC 61162-1, independent of the firmware's decod
 from __future__ import annotations
 
 MAX_CHARACTERS = 60  # of the payload of one sentence
+# Values that mean "not available": raw rate of turn, knots, degrees.
 NO_TURN, NO_SPEED, NO_COURSE, NO_HEADING, NO_LATITUDE_DEG, NO_LONGITUDE_DEG = -128, 102.3, 360.0, 511, 91.0, 181.0
 
 Dimensions = tuple[int, int, int, int]  # from the antenna to bow, stern, port and starboard side, m
@@ -57,7 +58,7 @@ def position_a(
     status: int = 0,
     second: int = 60,
 ) -> Bits:
-    """Return a position report of class A (message 1)."""
+    """Return a position report of class A (message 1); second 60: the time is not available."""
     bits = Bits().add(1, 6).add(0, 2).add(mmsi, 30).add(status, 4).add(NO_TURN, 8)
     bits.add(_tenths(speed_kn, 1023), 10).add(1, 1)
     _add_position(bits, latitude_deg, longitude_deg)
@@ -83,18 +84,20 @@ def static_a(mmsi: int, name: str, call_sign: str, ship_type: int, dimensions_m:
     """Return static data of class A (message 5)."""
     bits = Bits().add(5, 6).add(0, 2).add(mmsi, 30).add(0, 2).add(0, 30).add_text(call_sign, 7).add_text(name, 20)
     _add_dimensions(bits.add(ship_type, 8), dimensions_m)
+    # Position by GPS, no time of arrival, draught of 5.0 m, destination.
     return bits.add(1, 4).add(0, 20).add(50, 8).add_text("SEA", 20).add(0, 2)
 
 
 def static_b(mmsi: int, name: str, call_sign: str, ship_type: int, dimensions_m: Dimensions) -> tuple[Bits, Bits]:
     """Return static data of class B, parts A and B (message 24)."""
     part_a = Bits().add(24, 6).add(0, 2).add(mmsi, 30).add(0, 2).add_text(name, 20)
-    second = Bits().add(24, 6).add(0, 2).add(mmsi, 30).add(1, 2).add(ship_type, 8).add(0, 42)
-    return part_a, _add_dimensions(second.add_text(call_sign, 7), dimensions_m).add(0, 6)
+    part_b = Bits().add(24, 6).add(0, 2).add(mmsi, 30).add(1, 2).add(ship_type, 8).add(0, 42)
+    return part_a, _add_dimensions(part_b.add_text(call_sign, 7), dimensions_m).add(0, 6)
 
 
 def mark(mmsi: int, name: str, latitude_deg: float, longitude_deg: float) -> Bits:
     """Return the report of a buoy as an aid to navigation (message 21)."""
+    # 14: starboard hand mark; second 60: no time.
     bits = Bits().add(21, 6).add(0, 2).add(mmsi, 30).add(14, 5).add_text(name, 20).add(0, 1)
     _add_position(bits, latitude_deg, longitude_deg)
     return bits.add(0, 30).add(1, 4).add(60, 6).add(0, 1 + 8 + 1 + 1 + 1 + 1)

@@ -39,7 +39,7 @@ class Bno08xRvcEmulator:
         boot_s: float = 0.3,
         baud: int = 115200,
     ) -> None:
-        """Start with the power on; the first frame is complete after phase_s."""
+        """Start with the power on; the first frame is sampled at phase_s."""
         self.drift_deg_min = drift_deg_min
         self.pitch_deg = 0.0
         self.roll_deg = 0.0

@@ -13,13 +13,12 @@ import numpy as np
 
 from hil.devices.dynamixel_frame import ALERT_BIT, BROADCAST_ID, Fault, Instruction, Packet, PacketReader, status_packet
 from hil.devices.dynamixel_motor import MotorMonitor
-from hil.devices.dynamixel_table import BAUD_RATES, Address, ControlTable, Register
+from hil.devices.dynamixel_table import BAUD_RATES, WATCHDOG_TRIPPED, Address, ControlTable, Register
 from hil.devices.emulator import INTERFACE, Device, DeviceContext, EmulatedDevice, Shaft
 from hil.devices.timing import Transmitter, transfer_s
 
 _DELAY_UNIT_S = 2e-6
 _WATCHDOG_UNIT_S = 0.020
-_WATCHDOG_TRIPPED = 0xFF  # the register reads -1
 _GOAL_ADDRESSES = (Address.GOAL_PWM, Address.GOAL_CURRENT, Address.GOAL_VELOCITY, Address.GOAL_POSITION)
 
 # Result of an instruction: error number and parameters of the reply, or None for no reply.
@@ -46,7 +45,7 @@ class DynamixelEmulator:
         overload_s: float = 3.0,
         boot_s: float = 0.5,
     ) -> None:
-        """Start powered with torque off; raise ValueError for an invalid id, baud rate or delay."""
+        """Start powered with torque off; raise ValueError for an invalid id, baud rate or delay (in units of 2 us)."""
         if not (0 <= device_id <= 252 and baud in BAUD_RATES and 0 <= return_delay <= 254):
             raise ValueError(f"id {device_id}, {baud} baud or return delay {return_delay} is out of range")
         self.collision_count = 0
@@ -133,7 +132,7 @@ class DynamixelEmulator:
         result = (Fault.INSTRUCTION, b"") if execute is None else execute(now_s, packet)
         level = self._table[Address.STATUS_RETURN_LEVEL]
         min_level = _MIN_RETURN_LEVELS.get(packet.instruction, 2)
-        if result is not None and level >= min_level and (is_own or packet.instruction in _ANSWERED_BROADCASTS):
+        if result is not None and level >= min_level and (is_own or packet.instruction in _BROADCASTS_WITH_REPLY):
             self._reply(now_s, sender_id, *result)
         if packet.instruction == Instruction.REBOOT:
             self._restart_ram()
@@ -220,7 +219,7 @@ class DynamixelEmulator:
         return next((fault for row, value in writes if (fault := self._fault_of_write(row, value))), writes)
 
     def _fault_of_write(self, row: Register, value: int) -> Fault:
-        is_tripped = self._table[Address.BUS_WATCHDOG] == _WATCHDOG_TRIPPED
+        is_tripped = self._table[Address.BUS_WATCHDOG] == WATCHDOG_TRIPPED
         if is_tripped and (row.address in _GOAL_ADDRESSES or (row.address == Address.BUS_WATCHDOG and value != 0)):
             return Fault.RANGE
         if row.address == Address.TORQUE and value == 1 and self.motor.is_shut_down():
@@ -246,7 +245,7 @@ class DynamixelEmulator:
     def _watchdog_s(self) -> float:
         """Return when the bus watchdog trips if no instruction arrives."""
         units = self._table.values[Address.BUS_WATCHDOG]
-        if not units or units == _WATCHDOG_TRIPPED or not self._table.values[Address.TORQUE]:
+        if not units or units == WATCHDOG_TRIPPED or not self._table.values[Address.TORQUE]:
             return math.inf
         return self._instruction_s + units * _WATCHDOG_UNIT_S
 
@@ -254,15 +253,16 @@ class DynamixelEmulator:
         if now_s < self._ready_s:
             return
         if now_s >= self._watchdog_s():
-            self._table[Address.BUS_WATCHDOG] = _WATCHDOG_TRIPPED
+            self._table[Address.BUS_WATCHDOG] = WATCHDOG_TRIPPED
             self._table[Address.PROFILE_ACCELERATION] = 0
             self._table[Address.PROFILE_VELOCITY] = 0
             self.motor.stop()
         self.motor.observe(now_s)
 
 
+# Smallest status return level at which an instruction gets a reply; 2 for all others.
 _MIN_RETURN_LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1, Instruction.SYNC_READ: 1}
-_ANSWERED_BROADCASTS = (Instruction.PING, Instruction.SYNC_READ)
+_BROADCASTS_WITH_REPLY = (Instruction.PING, Instruction.SYNC_READ)
 
 
 def _first_words(parameters: bytes) -> tuple[int, int]:

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from hil.devices.dynamixel_table import Address, ControlTable
+from hil.devices.dynamixel_table import POSITION_MODE, WATCHDOG_TRIPPED, Address, ControlTable
 from hil.devices.emulator import Shaft
 
 _COUNTS_PER_RADIAN = 4096 / math.tau
 _CENTRE = 2048
 _MAX_HOMING_OFFSET = 1024  # in position mode a larger homing offset is ignored
-_POSITION_MODES = (3, 4, 5)
+_POSITION_MODES = (POSITION_MODE, 4, 5)  # position, extended position, current-based position
 _REVERSE = 0x01  # bit of the drive mode
 _VOLTAGE_ERROR, _OVERHEATING, _OVERLOAD = 0x01, 0x04, 0x20
 _CURRENT_UNIT_A = 0.00269
@@ -25,7 +25,7 @@ _STANDSTILL_RAD = 1e-7
 
 
 class MotorMonitor:
-    """Sets the present registers of the servo and raises hardware errors."""
+    """Sets the feedback registers of the servo (PRESENT_POSITION and others) and raises hardware errors."""
 
     def __init__(self, shaft: Shaft, rng: np.random.Generator, table: ControlTable, *, overload_s: float) -> None:
         """Start with the shaft at rest; overload_s is the time of a stall until the overload error."""
@@ -88,7 +88,7 @@ class MotorMonitor:
     def is_driving(self) -> bool:
         """Return whether the motor is engaged and not at its goal."""
         is_engaged = self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES
-        is_tripped = self._values[Address.BUS_WATCHDOG] == 0xFF
+        is_tripped = self._values[Address.BUS_WATCHDOG] == WATCHDOG_TRIPPED
         return bool(is_engaged) and not is_tripped and abs(self._distance_counts()) > _IN_POSITION_COUNTS
 
     def observe(self, now_s: float) -> None:
@@ -115,7 +115,7 @@ class MotorMonitor:
             self.raise_error(errors)
 
     def measure(self, now_s: float) -> None:
-        """Set the present registers."""
+        """Set the feedback registers."""
         table, values = self._table, self._values
         velocity = round(self._sign() * self._velocity_rad_s / _VELOCITY_UNIT_RAD_S)
         is_moving = abs(velocity) > values[Address.MOVING_THRESHOLD]
@@ -153,5 +153,5 @@ class MotorMonitor:
 
     def _homing_offset(self) -> int:
         offset = self._values[Address.HOMING_OFFSET]
-        is_ignored = self._values[Address.OPERATING_MODE] == 3 and abs(offset) > _MAX_HOMING_OFFSET
+        is_ignored = self._values[Address.OPERATING_MODE] == POSITION_MODE and abs(offset) > _MAX_HOMING_OFFSET
         return 0 if is_ignored else offset

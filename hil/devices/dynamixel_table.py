@@ -12,6 +12,8 @@ from hil.devices.dynamixel_frame import Fault
 
 RAM_START = 64
 TABLE_END = 148
+POSITION_MODE = 3  # operating mode
+WATCHDOG_TRIPPED = 0xFF  # value of the bus watchdog; a host reads -1
 BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 
 
@@ -69,6 +71,9 @@ class Register:
     high: int = 0
 
 
+# Rows: address, size, initial value, and for writable registers the limits of a write. Further addresses:
+# 2 model information, 12 secondary id, 13 protocol, 60 startup configuration, 65 LED, 76 to 90 controller gains,
+# 124 present PWM, 136 and 140 velocity and position trajectory, 147 backup ready.
 _READ_ONLY = (
     (0, 2, 1170), (2, 4, 0), (6, 1, 45),
     (69, 1, 0), (70, 1, 0), (120, 2, 0), (122, 1, 0), (123, 1, 0), (124, 2, 0), (126, 2, 0), (128, 4, 0),
@@ -88,7 +93,7 @@ _WRITABLE = (
 
 REGISTERS = {row[0]: Register(row[0], row[1], False, row[2]) for row in _READ_ONLY}
 REGISTERS |= {row[0]: Register(row[0], row[1], True, *row[2:]) for row in _WRITABLE}
-_OPERATING_MODES = (0, 1, 3, 4, 5, 16)
+_OPERATING_MODES = (0, 1, POSITION_MODE, 4, 5, 16)  # current, velocity, three position modes, PWM
 _REGISTER_AT = {row.address + offset: row for row in REGISTERS.values() for offset in range(row.size)}
 
 
@@ -161,7 +166,7 @@ class ControlTable:
 
     def _limits(self, row: Register) -> tuple[int, int]:
         """Return the limits of this register that other registers set."""
-        if row.address == Address.GOAL_POSITION and self[Address.OPERATING_MODE] == 3:
+        if row.address == Address.GOAL_POSITION and self[Address.OPERATING_MODE] == POSITION_MODE:
             return self[Address.MIN_POSITION], self[Address.MAX_POSITION]
         limit_address = _LIMIT_REGISTERS.get(row.address)
         return (row.low, row.high) if limit_address is None else (-self[limit_address], self[limit_address])

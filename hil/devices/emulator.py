@@ -127,7 +127,11 @@ class Surroundings(Attitude, Whereabouts, Weather, Bottom, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DeviceContext:
-    """Inputs of an emulator: its section of the vehicle file and the random values of this run."""
+    """Inputs of an emulator: its section of the vehicle file and the random values of this run.
+
+    `phase_s` and `frequency_error_ppm` are the start and the clock error of its periodic output; `declination_deg` is
+    that of the location, positive to the east; `gaps` are the random numbers for times without a GNSS fix.
+    """
 
     world: Surroundings
     baud: int

@@ -22,10 +22,19 @@ _MAX_FRAME_BYTES, _MAX_READ = 259, 250
 _REPLY_DELAY_S = 20e-6  # of STS servos; they ignore register 7
 _COUNTS_PER_RADIAN, _CENTRE = 4096 / math.tau, 2048
 _HOLDING_A, _MOVING_A, _STALL_A = 0.02, 0.18, 2.7
+_CURRENT_UNIT_A = 0.0065
 _CURRENT_NOISE_A, _VOLTAGE_NOISE_V = 0.006, 0.02
 _IN_POSITION_COUNTS = 10  # a smaller distance is not a stall
 _VOLTAGE, _OVERHEATING, _OVERLOAD = 0x01, 0x04, 0x20
 _TABLE_BYTES, _FIRST_RAM, _FIRST_READ_ONLY = 87, 40, 56
+# Addresses of the memory table.
+_ID, _BAUD_RATE, _RETURN_LEVEL, _MIN_POSITION, _MAX_POSITION = 5, 6, 8, 9, 11
+_MAX_TEMPERATURE, _MAX_VOLTAGE, _MIN_VOLTAGE, _MAX_TORQUE, _PROTECTIONS = 13, 14, 15, 16, 19
+_POSITION_OFFSET, _OPERATING_MODE, _OVERLOAD_CURRENT, _OVERLOAD_TIME = 31, 33, 34, 35
+_TORQUE_SWITCH, _GOAL_POSITION, _GOAL_SPEED, _TORQUE_LIMIT, _LOCK = 40, 42, 46, 48, 55
+_PRESENT_POSITION, _PRESENT_VOLTAGE, _PRESENT_TEMPERATURE, _IS_REGISTERED, _STATUS = 56, 62, 63, 64, 65
+_MOVING, _PRESENT_GOAL, _PRESENT_CURRENT = 66, 67, 69
+_CALIBRATE = 128  # written to the torque switch, makes the present position 2048
 # Initial values of the memory table: address, value, number of bytes.
 _EEPROM = (
     *((0, 3, 1), (1, 10, 1), (3, 777, 2), (8, 1, 1), (9, 0, 2), (11, 4095, 2), (13, 70, 1), (14, 140, 1), (15, 40, 1)),
@@ -62,7 +71,7 @@ class FeetechEmulator:
         self._shaft, self._rng = shaft, rng
         self._collisions, self._boot_s = collisions, boot_s
         self.stored = bytearray(_TABLE_BYTES)
-        for address, value, size in (*_EEPROM, (5, device_id, 1), (6, _BAUD_RATES.index(baud), 1)):
+        for address, value, size in (*_EEPROM, (_ID, device_id, 1), (_BAUD_RATE, _BAUD_RATES.index(baud), 1)):
             self.stored[address : address + size] = value.to_bytes(size, "little")
         self.table = bytearray(self.stored)
         self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_FRAME_BYTES)
@@ -96,7 +105,7 @@ class FeetechEmulator:
             else:
                 device_id, code, parameters = buffer[2], buffer[4], bytes(buffer[5 : size - 1])
                 del buffer[:size]
-                if device_id in (self.table[5], _BROADCAST):
+                if device_id in (self.table[_ID], _BROADCAST):
                     self._execute(now_s, device_id, code, parameters)
 
     def next_output_s(self) -> float:
@@ -118,10 +127,11 @@ class FeetechEmulator:
     def _restart(self) -> None:
         self._shaft.set_torque(on=False)
         self.table[:] = self.stored
-        self._put(42, self._position_counts(), 2)  # choice: the table has 0, with which a torque switch would move it
-        self._put(46, 3400, 2)
-        self.table[48:50] = self.table[16:18]
-        self.table[55] = 1
+        # Choice: the table has 0, with which the torque switch would move the shaft.
+        self._put(_GOAL_POSITION, self._position_counts(), 2)
+        self._put(_GOAL_SPEED, 3400, 2)
+        self.table[_TORQUE_LIMIT : _TORQUE_LIMIT + 2] = self.table[_MAX_TORQUE : _MAX_TORQUE + 2]
+        self.table[_LOCK] = 1
         self._registered = b""
         self._is_overloaded = False
         self._stalled_s: float | None = None
@@ -131,7 +141,7 @@ class FeetechEmulator:
     # ------------------------------------------------------------------ instructions
 
     def _execute(self, now_s: float, device_id: int, code: int, parameters: bytes) -> None:
-        own_id, level = self.table[5], self.table[8]  # a new id applies after the reply
+        own_id, level = self.table[_ID], self.table[_RETURN_LEVEL]  # a new id applies after the reply
         is_single = device_id != _BROADCAST
         if code == _PING and not parameters:
             self._reply(now_s, own_id)
@@ -153,9 +163,9 @@ class FeetechEmulator:
             self._ready_s = now_s + self._boot_s
 
     def _reply(self, now_s: float, own_id: int, data: bytes = b"") -> None:
-        frame = [0xFF, 0xFF, own_id, len(data) + 2, self.table[65], *data]
+        frame = [0xFF, 0xFF, own_id, len(data) + 2, self.table[_STATUS], *data]
         self.transmitter.send(now_s + _REPLY_DELAY_S, bytes([*frame, 255 - sum(frame[2:]) % 256]))
-        self.transmitter.baud = _BAUD_RATES[min(self.table[6], 7)]  # a new baud rate applies after the reply
+        self.transmitter.baud = _BAUD_RATES[min(self.table[_BAUD_RATE], 7)]  # a new baud rate applies after the reply
 
     def _read(self, now_s: float, own_id: int, address: int, count: int) -> None:
         self._measure(now_s)
@@ -169,29 +179,30 @@ class FeetechEmulator:
                 self._write(now_s, address, parameters[start + 1 : start + 1 + count])
 
     def _register(self, now_s: float, parameters: bytes) -> None:
-        """Keep a write for the next action; without parameters execute it."""
+        """Register a write for the next ACTION; without parameters, execute the registered one."""
         if not parameters and self._registered:
             self._write(now_s, self._registered[0], self._registered[1:])
         self._registered = parameters
-        self.table[64] = int(bool(parameters))
+        self.table[_IS_REGISTERED] = int(bool(parameters))
 
     def _write(self, now_s: float, address: int, data: bytes) -> None:
         """Write the registers that are not read-only, in the order of their addresses."""
-        torque = self.table[40]
+        torque = self.table[_TORQUE_SWITCH]
         for place, value in enumerate(data, address):
-            if not 5 <= place < _FIRST_READ_ONLY:
+            if not _ID <= place < _FIRST_READ_ONLY:
                 continue
-            if place == 40 and value == 128:  # calibrate the present position to 2048
+            if place == _TORQUE_SWITCH and value == _CALIBRATE:
                 offset = self._raw_counts() - _CENTRE
                 code = abs(offset) | (0x800 if offset < 0 else 0)
-                self.stored[31:33] = self.table[31:33] = code.to_bytes(2, "little")
+                for area in (self.stored, self.table):
+                    area[_POSITION_OFFSET : _POSITION_OFFSET + 2] = code.to_bytes(2, "little")
                 continue
             self.table[place] = value
-            if place < _FIRST_RAM and self.table[55] == 0:
+            if place < _FIRST_RAM and self.table[_LOCK] == 0:
                 self.stored[place] = value
-        if self.table[40] != torque or address <= 40 < address + len(data):
+        if self.table[_TORQUE_SWITCH] != torque or address <= _TORQUE_SWITCH < address + len(data):
             self._is_overloaded = False  # choice: a write to the torque switch ends the overload protection
-            self._shaft.set_torque(on=self.table[40] == 1)
+            self._shaft.set_torque(on=self.table[_TORQUE_SWITCH] == 1)
             self._stalled_s = None
         self._observe(now_s)
         self._move()
@@ -216,18 +227,18 @@ class FeetechEmulator:
 
     def _offset(self) -> int:
         """Return the position offset, whose sign is bit 11."""
-        code = self._get(31)
+        code = self._get(_POSITION_OFFSET)
         return 0x800 - code if code & 0x800 else code
 
     def _goal_counts(self) -> int:
-        low, high = self._get(9), self._get(11)
-        return min(max(self._get(42), low), high) if low < high else self._get(42)
+        low, high = self._get(_MIN_POSITION), self._get(_MAX_POSITION)
+        return min(max(self._get(_GOAL_POSITION), low), high) if low < high else self._get(_GOAL_POSITION)
 
     def _distance_counts(self) -> int:
         return self._goal_counts() - self._position_counts()
 
     def _is_driving(self) -> bool:
-        return self.table[40] == 1 and self.table[33] == 0
+        return self.table[_TORQUE_SWITCH] == 1 and self.table[_OPERATING_MODE] == 0
 
     def _move(self) -> None:
         """Move to the goal, unless a protection has unloaded the motor."""
@@ -249,15 +260,15 @@ class FeetechEmulator:
             )
             self._stalled_s = (now_s if self._stalled_s is None else self._stalled_s) if is_stalled else None
             self._observed_s, self._observed_rad = now_s, angle_rad
-        is_overload = self._stalled_s is not None and now_s - self._stalled_s >= self.table[35] * 0.01
-        if is_overload and self.table[19] & _OVERLOAD:
+        is_overload = self._stalled_s is not None and now_s - self._stalled_s >= self.table[_OVERLOAD_TIME] * 0.01
+        if is_overload and self.table[_PROTECTIONS] & _OVERLOAD:
             self._is_overloaded = True
             self._move()
-        is_voltage_wrong = not self.table[15] <= self.voltage_v * 10.0 <= self.table[14]
-        is_hot = self.temperature_c > self.table[13]
-        self.table[65] = is_voltage_wrong * _VOLTAGE | is_hot * _OVERHEATING | self._is_overloaded * _OVERLOAD
-        if self.table[65] & self.table[19] & ~_OVERLOAD and self.table[40]:
-            self.table[40] = 0  # choice: unloading switches the torque off
+        is_voltage_wrong = not self.table[_MIN_VOLTAGE] <= self.voltage_v * 10.0 <= self.table[_MAX_VOLTAGE]
+        is_hot = self.temperature_c > self.table[_MAX_TEMPERATURE]
+        self.table[_STATUS] = is_voltage_wrong * _VOLTAGE | is_hot * _OVERHEATING | self._is_overloaded * _OVERLOAD
+        if self.table[_STATUS] & self.table[_PROTECTIONS] & ~_OVERLOAD and self.table[_TORQUE_SWITCH]:
+            self.table[_TORQUE_SWITCH] = 0  # choice: unloading switches the torque off
             self._shaft.set_torque(on=False)
 
     def _measure(self, now_s: float) -> None:
@@ -265,20 +276,20 @@ class FeetechEmulator:
         motor_a = self._current_a()
         self.energy_j += 0.0 if self._energy_s is None else motor_a * self.voltage_v * (now_s - self._energy_s)
         self._energy_s = now_s
-        current = round((motor_a + _CURRENT_NOISE_A * self._rng.standard_normal()) / 0.0065)
+        current = round((motor_a + _CURRENT_NOISE_A * self._rng.standard_normal()) / _CURRENT_UNIT_A)
         voltage = round((self.voltage_v + _VOLTAGE_NOISE_V * self._rng.standard_normal()) * 10.0)
-        self._put(56, self._position_counts(), 2)
-        self.table[62] = min(max(voltage, 0), 255)
-        self.table[63] = round(self.temperature_c) % 256
-        self.table[66] = int(self._is_driving() and self._distance_counts() != 0)
-        self._put(67, self._goal_counts(), 2)
-        self._put(69, current, 2)
+        self._put(_PRESENT_POSITION, self._position_counts(), 2)
+        self.table[_PRESENT_VOLTAGE] = min(max(voltage, 0), 255)
+        self.table[_PRESENT_TEMPERATURE] = round(self.temperature_c) % 256
+        self.table[_MOVING] = int(self._is_driving() and self._distance_counts() != 0)
+        self._put(_PRESENT_GOAL, self._goal_counts(), 2)
+        self._put(_PRESENT_CURRENT, current, 2)
 
     def _current_a(self) -> float:
-        if self.table[40] != 1:
+        if self.table[_TORQUE_SWITCH] != 1:
             return 0.0
         if self._stalled_s is not None:
-            return _STALL_A * (self.table[34] / 100.0 if self._is_overloaded else 1.0)
+            return _STALL_A * (self.table[_OVERLOAD_CURRENT] / 100.0 if self._is_overloaded else 1.0)
         return self.load_a + (_MOVING_A if self._is_moving else _HOLDING_A)
 
 

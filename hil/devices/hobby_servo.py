@@ -8,11 +8,11 @@ from typing import Any
 from hil.devices.emulator import Shaft
 
 MIN_PULSE_US, MAX_PULSE_US = 500.0, 2500.0  # other pulses are ignored
-DEAD_BAND_US = 5.0  # of an ordinary analogue servo
+DEADBAND_US = 5.0  # of an ordinary analogue servo
 
 
 class HobbyServo:
-    """The electronics of a servo: the scale of its pulses, and a dead band in which the motor does not start.
+    """The electronics of a servo: the scale of its pulses, and a deadband in which the motor does not start.
 
     The slew is that of the shaft. Without pulses the motor is released.
     """
@@ -24,14 +24,14 @@ class HobbyServo:
         centre_us: float = 1500.0,
         minus_us_per_rad: float = 636.6,
         plus_us_per_rad: float = 636.6,
-        dead_band_us: float = DEAD_BAND_US,
+        deadband_us: float = DEADBAND_US,
     ) -> None:
         """Start without pulses; the slopes are those of negative and positive angles."""
         self.width_us: float | None = None  # of the present pulses; None without pulses
         self._shaft = shaft
         self._centre_us = centre_us
         self._slopes = minus_us_per_rad, plus_us_per_rad
-        self._dead_band_us = dead_band_us
+        self._deadband_us = deadband_us
         self._reached_us: float | None = None  # pulse width of the last movement
         shaft.set_torque(on=False)
 
@@ -56,7 +56,7 @@ class HobbyServo:
             self._reached_us = None
             self._shaft.set_torque(on=False)
             return
-        if self._reached_us is not None and abs(width_us - self._reached_us) < self._dead_band_us:
+        if self._reached_us is not None and abs(width_us - self._reached_us) < self._deadband_us:
             return
         self._reached_us = width_us
         self._shaft.set_target(self._angle_rad(width_us))

@@ -13,7 +13,7 @@ from hil.devices.timing import Transmitter
 
 _REPLY_S = 0.02  # delay of a reply to a simple command
 _SIGNAL_S = 1.5  # duration of a signal measurement
-_ALERT_CHECK_S = 1.0  # interval of checks for an alert
+_ALERT_CHECK_S = 1.0  # interval of checks for a ring alert
 _WRITE_TIMEOUT_S = 60.0  # for a message, after READY
 _MAX_MESSAGE_BYTES = 340
 
@@ -29,8 +29,8 @@ class IridiumModem:
         self._received = b""
         self._has_echo, self._has_alerts, self._is_ringing = True, False, False
         self._out_message = self._in_message = b""
-        self._out_number, self._in_number = 0, 0
-        self._queued = 0
+        self._out_number, self._in_number = 0, 0  # MOMSN, MTMSN
+        self._queued = 0  # messages for the boat at the gateway
         self._expected_message: tuple[float, int] | None = None  # deadline and size of a message
         self._busy_until_s = -math.inf
         self._next_alert_check_s = 0.0
@@ -78,7 +78,10 @@ class IridiumModem:
         self._send(at_s, f"{head}\r\n{end}\r\n".encode())
 
     def _read_message(self, now_s: float) -> bool:
-        """Read the message after AT+SBDWB; return False if it is incomplete."""
+        """Read the message after AT+SBDWB; return False if it is incomplete.
+
+        Replies: 0 accepted, 1 timeout, 2 wrong checksum (and 3, wrong length, in _expect).
+        """
         assert self._expected_message is not None  # noqa: S101 - for the type checker
         deadline_s, size = self._expected_message
         if now_s > deadline_s:

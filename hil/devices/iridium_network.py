@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 CREDIT_BYTES: Final = 50
+# Status of a failed session (first field of +SBDIX).
 NO_SERVICE, BUSY, TIMED_OUT, DROPPED, TOO_SOON = 32, 35, 17, 18, 36
 NOT_COMPLETED = 13
 _FAILURES = (NO_SERVICE, DROPPED, TIMED_OUT, BUSY, TOO_SOON, NOT_COMPLETED)
@@ -23,11 +24,15 @@ def clear_sky(_now_s: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of a session: duration, status for the modem, and the message for the boat, if any."""
+    """Result of a session.
+
+    `message` is the number (MTMSN) and the content of the message for the boat, if any; `queued` is the number of
+    further ones.
+    """
 
     duration_s: float
-    status: int
-    increments_number: bool  # of the messages of the modem
+    status: int  # first field of +SBDIX; 0: success
+    increments_number: bool  # the message number of the modem (MOMSN)
     message: tuple[int, bytes] | None
     queued: int
 
@@ -50,7 +55,8 @@ class IridiumNetwork:
     """Transfers messages with random failures, which are drawn from `rng`.
 
     `failed` is the share of sessions that fail, `lost_replies` the share of these whose message arrives although the
-    modem gets a failure. `signal` returns the bars at a time, `lost_alerts` is the share of alerts that are lost.
+    modem gets a failure. `duration_s` is the range of the duration of a session.
+    `signal` returns the bars at a time, `lost_alerts` is the share of alerts that are lost.
     """
 
     def __init__(
@@ -68,7 +74,7 @@ class IridiumNetwork:
         self.signal = signal
         self.bill = Bill()
         self.charges: list[tuple[float, int]] = []  # time and number of credits
-        # Time, number of the modem, message.
+        # Time, number (MOMSN), message.
         self.delivered: deque[tuple[float, int, bytes]] = deque()
         self.attempts = 0
         self._rng = rng
@@ -99,7 +105,7 @@ class IridiumNetwork:
         return self.signal(now_s) > 0 and float(self._rng.random()) >= self._lost_alerts
 
     def run_session(self, now_s: float, number: int, message: bytes) -> Outcome:
-        """Run a session; an empty message stands for no message from the boat."""
+        """Run a session; `number` is the MOMSN, an empty message stands for no message from the boat."""
         self.attempts += 1
         duration_s = float(self._rng.uniform(*self._duration_s))
         failure_draw, arrival_draw = float(self._rng.random()), float(self._rng.random())

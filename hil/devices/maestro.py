@@ -18,7 +18,13 @@ REPLY_DELAY_S = 0.0002
 BOOT_S = 0.3
 CRC_ERROR, PROTOCOL_ERROR = 1 << 3, 1 << 4
 _POLOLU_PROTOCOL = 0xAA
-_DATA_BYTES = {0x84: 3, 0x87: 3, 0x89: 3, 0x90: 1, 0x93: 0, 0xA1: 0, 0xA2: 0}  # by command
+_SET_TARGET, _SET_SPEED, _SET_ACCELERATION = 0x84, 0x87, 0x89
+_GET_POSITION, _GET_MOVING_STATE, _GET_ERRORS, _GO_HOME = 0x90, 0x93, 0xA1, 0xA2
+_DATA_BYTES = {
+    **dict.fromkeys((_SET_TARGET, _SET_SPEED, _SET_ACCELERATION), 3),
+    _GET_POSITION: 1,
+    **dict.fromkeys((_GET_MOVING_STATE, _GET_ERRORS, _GO_HOME), 0),
+}
 
 
 class MaestroEmulator:
@@ -48,7 +54,7 @@ class MaestroEmulator:
         self._channel = channel
         self._device = device
         self._has_crc = crc
-        self._limits = tuple(round(4.0 * limit_us) for limit_us in limits_us)
+        self._limits = tuple(round(4.0 * limit_us) for limit_us in limits_us)  # in quarter microseconds
         self._detects_baud = detects_baud
         self._ready_s = -math.inf
         self._reset()
@@ -60,7 +66,7 @@ class MaestroEmulator:
         self._is_ignoring = self._detects_baud
         self._targets, self._positions = [0] * CHANNELS, [0] * CHANNELS  # in quarter microseconds
         self._speeds, self._accelerations = [0] * CHANNELS, [0] * CHANNELS
-        self._step_s = math.inf
+        self._step_s = math.inf  # time of the next step of a movement
         self.transmitter.clear()
         self._servo.set_pulse(None)
 
@@ -127,19 +133,19 @@ class MaestroEmulator:
             self._raise_error(PROTOCOL_ERROR)
             return
         number = data[1] + 128 * data[2] if len(data) == 3 else 0
-        if command == 0x84:
+        if command == _SET_TARGET:
             low, high = self._limits
             self._targets[data[0]] = min(max(number, low), high) if number else 0
             self._start(data[0], now_s)
-        elif command == 0x87:
+        elif command == _SET_SPEED:
             self._speeds[data[0]] = number
-        elif command == 0x89:
+        elif command == _SET_ACCELERATION:
             self._accelerations[data[0]] = number
-        elif command == 0x90:
+        elif command == _GET_POSITION:
             self._reply(now_s, self._positions[data[0]])
-        elif command == 0x93:
+        elif command == _GET_MOVING_STATE:
             self._reply(now_s, int(self._positions != self._targets), size=1)
-        elif command == 0xA1:
+        elif command == _GET_ERRORS:
             self._reply(now_s, self.errors)
             self.errors = 0
         else:

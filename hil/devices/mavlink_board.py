@@ -38,10 +38,17 @@ _POSITION_NOISE_M, _POSITION_NOISE_TIME_S = 1.5, 60.0
 VELOCITY_NOISE_M_S = 0.03
 _MIN_INTERVAL_S = 0.02
 _SATELLITES, _HDOP, _ALTITUDE_M, _ACCURACY_M = 14, 0.8, 2.0, 1.2
-_FIXED_BATTERY_V, _FIXED_BATTERY_A, _FIXED_CHARGE = 12.8, -0.4, 0.8
+_FIXED_BATTERY_V, _FIXED_BATTERY_A, _FIXED_CHARGE = 12.8, -0.4, 0.8  # current into the battery
 # Payload bytes without extension fields, which MAVLink 1 does not have but pymavlink would send.
-_BASE_BYTES: Mapping[int, int] = {1: 31, 24: 30, 77: 3, 147: 36, 193: 22}
-_EKF_READY, _EKF_UNINITIALIZED = 0x033F, 0x0400
+_BASE_BYTES: Mapping[int, int] = {
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 31,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 30,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK: 3,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 36,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 22,
+}
+_EKF_READY, _EKF_UNINITIALIZED = 0x033F, 0x0400  # EKF_STATUS_FLAGS
+# Messages of each data stream.
 _GROUPS: Mapping[int, tuple[int, ...]] = {
     dialect.MAV_DATA_STREAM_EXTENDED_STATUS: (dialect.MAVLINK_MSG_ID_SYS_STATUS, dialect.MAVLINK_MSG_ID_GPS_RAW_INT),
     dialect.MAV_DATA_STREAM_POSITION: (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,),
@@ -99,10 +106,11 @@ class _Receiver:
 class MavlinkBoardEmulator:
     """A board with its x axis to the bow; its yaw refers to true north.
 
-    May be set at any time: `is_ready` (of the estimator), `test_ratio` (of the magnetometer), `muted` (messages that
-    are not sent), `fix`, `battery` (None: constant), `roll_deg`, `pitch_deg`, `second_system` (system id of another
-    autopilot that the board forwards; its heading is wrong), `is_mavlink1`. `unexpected` lists the received messages
-    that a sensor board must never be sent. Without `whereabouts` the board has no receiver.
+    May be set at any time: `is_ready` (of the estimator), `test_ratio` (innovation test ratio of the magnetometer),
+    `muted` (ids of messages that are not sent), `fix`, `battery` (None: constant), `roll_deg`, `pitch_deg`,
+    `second_system` (system id of another autopilot that the board forwards; its heading is wrong), `is_mavlink1`.
+    `unexpected` lists the received messages that a sensor board must never be sent. Without `whereabouts` the board has
+    no receiver.
     """
 
     def __init__(
@@ -126,7 +134,10 @@ class MavlinkBoardEmulator:
         settle_s: float = 0.5,
         baud: int = 115200,
     ) -> None:
-        """Start powered, with its first heartbeat at phase_s; `declination_deg` is subtracted from the yaw."""
+        """Start powered, with its first heartbeat at phase_s and a valid attitude settle_s later.
+
+        `declination_deg` is subtracted from the yaw.
+        """
         self.is_ready = True
         self.test_ratio = 0.1
         self.muted: set[int] = set()

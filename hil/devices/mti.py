@@ -2,7 +2,7 @@
 
 Sources: MT Low Level Communication Protocol Documentation MT0101P, MTi User Manual MT0605P, mtidocs.movella.com
 "States". Choices where these state no behaviour: a message with a bad checksum is ignored; a command for another state
-is ignored, an unknown one is answered with Error 4; a rate above the maximum is reduced to it.
+is ignored, the reply to an unknown one is Error 4 (invalid message); a rate above the maximum is reduced to it.
 """
 
 from __future__ import annotations
@@ -230,6 +230,7 @@ class MtiEmulator:
         return pack_message(Mid.MTDATA2, data)
 
     def _encode_output(self, now_s: float, identifier: int) -> bytes:
+        # The low bits are the format: coordinate frame and precision.
         kind, frame, precision = identifier & 0xFFF0, identifier & 0xC, identifier & 0x3
         if kind == Xdi.PACKET_COUNTER:
             return (self._count & 0xFFFF).to_bytes(2, "big")

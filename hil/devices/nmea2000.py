@@ -14,8 +14,9 @@ from hil.devices.timing import Pace, Transmitter
 
 COMPASS, SECOND_COMPASS, RECEIVER, ENGINE = 0x23, 0x24, 0x10, 0x05  # addresses
 ATTITUDE_PERIOD_S, GNSS_PERIOD_S, COURSE_PERIOD_S, ENGINE_PERIOD_S, CLAIM_PERIOD_S = 1.0, 1.0, 0.25, 0.1, 10.0
-START_COMMAND = n2k.actisense_frame(n2k.GATEWAY_COMMAND, b"\x11\x02\x00")
+START_COMMAND = n2k.actisense_frame(n2k.GATEWAY_COMMAND, b"\x11\x02\x00")  # operating mode: receive all
 MAX_COMMAND_BYTES = 256
+# Manufacturer codes by address.
 _MAKERS = {COMPASS: 1851, SECOND_COMPASS: 1857, RECEIVER: 229, ENGINE: 174}
 
 
@@ -135,6 +136,7 @@ class Nmea2000Emulator:
         self._send(t_s, 127489, ENGINE, bytes([0, 0x10, 0x10] + [0x10] * 23))
 
     def _send_claims(self, t_s: float) -> None:
+        """Send the address claims (PGN 60928) of all devices."""
         for device, maker in _MAKERS.items():
             if device != COMPASS and self.addresses.get(device, device) == self.addresses[COMPASS]:
                 continue  # two devices never have one address

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 
 Bits = str
 
-UNKNOWN_REFERENCE = 3
-TRUE, MAGNETIC = 0, 1
+TRUE, MAGNETIC, UNKNOWN_REFERENCE = 0, 1, 3  # references of a direction
 DLE, STX, ETX = b"\x10", b"\x02", b"\x03"
-RECEIVED, GATEWAY_COMMAND, BUS_COMMAND = 0x93, 0xA1, 0x94
+RECEIVED, GATEWAY_COMMAND, BUS_COMMAND = 0x93, 0xA1, 0x94  # kinds of Actisense frames
 
 
 def unsigned(value: float | None, width: int, resolution: float = 1.0) -> Bits:
@@ -177,9 +176,9 @@ def vessel_b(
     )
 
 
-def _vessel(kind: int, mmsi: int, latitude_deg: float | None, longitude_deg: float | None) -> Bits:
+def _vessel(message_type: int, mmsi: int, latitude_deg: float | None, longitude_deg: float | None) -> Bits:
     return (
-        unsigned(kind, 6)
+        unsigned(message_type, 6)  # AIS message type
         + "00"
         + unsigned(mmsi, 32)
         + signed(longitude_deg, 32, 1e-7)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+# Full range, 2D, hard iron only, limited tilt, accelerometers only, accelerometers and magnetometers.
 OPTIONS = frozenset({10, 20, 30, 40, 100, 110})
 SAMPLE_INTERVAL_S = 0.1
 SCORING_TIME_S = 2.0

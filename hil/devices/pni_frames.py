@@ -58,7 +58,7 @@ class Config(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One row of the configuration table: format of the value, its range, its factory value."""
+    """One row of the configuration table: format of the value as in struct, its range, its factory value."""
 
     code: str
     low: float
@@ -86,10 +86,10 @@ class ModuleSettings:
 
     components: tuple[int, ...] = ()
     config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
-    mode: int = _POLLED_MODE
-    flush: int = 0
-    acquire_s: float = 0.0
-    interval_s: float = 0.0
+    mode: int = _POLLED_MODE  # this and the next three are kSetAcqParams
+    flush: int = 0  # the filter before each sample
+    acquire_s: float = 0.0  # time between samples of the sensors
+    interval_s: float = 0.0  # time between outputs
     is_continuous: bool = False
 
     def pack(self, codes: str, *values: float) -> bytes:

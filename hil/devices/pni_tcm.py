@@ -227,16 +227,20 @@ class PniTcmEmulator:
     # ------------------------------------------------------------------ measurement and output
 
     def _component_table(self) -> dict[int, tuple[str, Callable[[], float]]]:
+        """Return format and measurement by component id; axes are x ahead, y to starboard, z down."""
         return {
-            5: ("f", lambda: self._in_configured_unit(self._heading_deg())),
-            7: ("f", lambda: self.temperature_c + self._noise(0.05)),
-            8: ("B", lambda: int(self.distorted)),
-            9: ("B", lambda: 1),  # user calibration is done
+            5: ("f", lambda: self._in_configured_unit(self._heading_deg())),  # kHeading
+            7: ("f", lambda: self.temperature_c + self._noise(0.05)),  # kTemperature
+            8: ("B", lambda: int(self.distorted)),  # kDistortion
+            9: ("B", lambda: 1),  # kCalStatus: user calibration is done
+            # Acceleration [g] along x, y and z.
             21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
             22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
             23: ("f", lambda: 1.0 + self._noise(0.002)),
+            # Pitch and roll.
             24: ("f", lambda: self._in_configured_unit(self.pitch_deg + self._noise(self._tilt_noise_deg))),
             25: ("f", lambda: self._in_configured_unit(self.roll_deg + self._noise(self._tilt_noise_deg))),
+            # Magnetic field [microtesla] along x, y and z.
             27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
             28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
             29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),

@@ -1,8 +1,8 @@
-"""A digital compass of RION or BWSENSING, which answers requests or sends by itself.
+"""A digital compass of RION or BWSENSING, which replies to requests or sends periodically.
 
 Source: HCM370B user manual, HCM605B data sheet (frames with a status), BMR3000 technical manual (output rates). Choices
 where these state no behaviour: a frame with a wrong checksum or another address is ignored; the output mode is lost
-with the power unless it is saved; an answer follows after 10 ms.
+with the power unless it is saved; a reply follows after 10 ms.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from hil.devices.timing import Pace, ReceiveBuffer, Transmitter
 
 _REPLY_DELAY_S = 0.010
 _ANY_ADDRESS = 0xFF
-_RATES_HZ = {1: 5.0, 2: 10.0, 3: 20.0, 4: 25.0, 5: 50.0}  # by the output mode; 0 answers requests only
+_RATES_HZ = {
+    1: 5.0,
+    2: 10.0,
+    3: 20.0,
+    4: 25.0,
+    5: 50.0,
+}  # by the output mode; in mode 0 the compass only replies to requests
+_GET_ANGLES, _GET_DECLINATION, _SAVE, _SET_OUTPUT_MODE = 0x04, 0x07, 0x0A, 0x0C
 
 
 class RionEmulator:
@@ -71,7 +78,7 @@ class RionEmulator:
         self._set_mode(output_mode, 0.0)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Answer the commands."""
+        """Execute the commands and reply."""
         if now_s < self._ready_s or not data:
             return
         self._received.append(now_s, data)
@@ -89,7 +96,7 @@ class RionEmulator:
                 continue
             del buffer[:size]
             if frame[2] in (self._address, _ANY_ADDRESS):
-                self._answer(now_s, frame[3], frame[4:-1])
+                self._execute(now_s, frame[3], frame[4:-1])
 
     def next_output_s(self) -> float:
         """Return when the next frame is sampled or complete."""
@@ -109,23 +116,23 @@ class RionEmulator:
         self._ready_s = now_s + off_s + self._boot_s
         self._set_mode(self._saved_mode, self._ready_s)
 
-    def _answer(self, now_s: float, command: int, data: bytes) -> None:
-        if command == 0x04:
-            answer = self._angles()
-        elif command == 0x07:
+    def _execute(self, now_s: float, command: int, data: bytes) -> None:
+        if command == _GET_ANGLES:
+            reply = self._angles()
+        elif command == _GET_DECLINATION:
             sign = "1" if self._set_declination_deg < 0.0 else "0"
             tenths = f"{sign}{round(abs(self._set_declination_deg) * 10.0):03d}"
-            answer = self._frame(command, bytes.fromhex(tenths))
-        elif command == 0x0C and len(data) == 1 and (data[0] == 0 or data[0] in _RATES_HZ):
+            reply = self._frame(command, bytes.fromhex(tenths))
+        elif command == _SET_OUTPUT_MODE and len(data) == 1 and (data[0] == 0 or data[0] in _RATES_HZ):
             self._mode = data[0]
             self._set_mode(data[0], now_s)
-            answer = self._frame(command, b"\x00")
-        elif command == 0x0A:
+            reply = self._frame(command, b"\x00")
+        elif command == _SAVE:
             self._saved_mode = self._mode
-            answer = self._frame(command, b"\x00")
+            reply = self._frame(command, b"\x00")
         else:
-            answer = self._frame(command, b"\xff")
-        self.transmitter.send(now_s + _REPLY_DELAY_S, answer)
+            reply = self._frame(command, b"\xff")
+        self.transmitter.send(now_s + _REPLY_DELAY_S, reply)
 
     def _set_mode(self, mode: int, now_s: float) -> None:
         self._mode = mode
@@ -145,7 +152,7 @@ class RionEmulator:
         yaw_deg += self._rng.normal(0.0, self._noise_deg) + self._set_declination_deg
         angles = "".join(map(_decimal, (pitch_deg, roll_deg, yaw_deg % 360.0)))
         status = bytes((self.distorted | self.clipped << 3,)) if self._with_status else b""
-        return self._frame(0x04, bytes.fromhex(angles) + status)
+        return self._frame(_GET_ANGLES, bytes.fromhex(angles) + status)
 
     def _frame(self, command: int, data: bytes) -> bytes:
         summed_bytes = bytes((4 + len(data), self._address, command + 0x80)) + data

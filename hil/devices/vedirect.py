@@ -114,6 +114,7 @@ class VeDirectEmulator:
         return self.transmitter.take(now_s)
 
     def _measure(self, block_s: float) -> bytes:
+        """Return the block for the time since the previous one; energies (H17 to H22) are in 0.01 kWh."""
         totals, voltage_v = self.plant.totals, self.plant.voltage_v
         previous_s, previous = self._previous
         # The plant advances by whole seconds: one in each period, or none with a fast clock.
@@ -135,9 +136,9 @@ class VeDirectEmulator:
                 "I": round((battery_a if with_load else battery_a + load_a) * 1e3),
                 "VPV": round(self.plant.panel_v * 1e3),
                 "PPV": round(panel_w),
-                "CS": 3 if panel_w > 0.5 else 0,
-                "MPPT": 2 if panel_w > 0.5 else 0,
-                "OR": "0x00000000" if panel_w > 0.5 else "0x00000001",
+                "CS": 3 if panel_w > 0.5 else 0,  # bulk, off
+                "MPPT": 2 if panel_w > 0.5 else 0,  # active, off
+                "OR": "0x00000000" if panel_w > 0.5 else "0x00000001",  # reason for off: no input power
                 "ERR": self.error,
                 **({"LOAD": "ON", "IL": round(load_a * 1e3)} if with_load else {}),
                 "H19": round(totals.charger_j / 36e3),

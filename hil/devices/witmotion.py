@@ -1,7 +1,7 @@
 """A WitMotion attitude sensor, which sends the packets that are enabled in its registers.
 
-Source: WIT Standard Communication Protocol, data sheet of the HWT905. Choices where these state no behaviour: a read is
-answered although the registers are locked, unless `locks_reads` is set; a write while they are locked is ignored;
+Source: WIT Standard Communication Protocol, data sheet of the HWT905. Choices where these state no behaviour: a read
+gets a reply although the registers are locked, unless `locks_reads` is set; a write while they are locked is ignored;
 without its magnetometer, the sensor starts with yaw 0, which then drifts.
 """
 
@@ -18,7 +18,9 @@ from hil.devices.timing import Pace, ReceiveBuffer, Transmitter
 
 _REPLY_DELAY_S = 0.005
 _UNLOCKED_S = 10.0
-_SAVE, _CONTENT, _RATE, _SIX_AXES, _READ, _KEY = 0x00, 0x02, 0x03, 0x24, 0x27, 0x69
+_SAVE, _CONTENT, _RATE, _SIX_AXES, _READ, _KEY = 0x00, 0x02, 0x03, 0x24, 0x27, 0x69  # registers
+_UNLOCK_VALUE = 0xB588  # of the key register
+_REGISTERS_PACKET, _FIRST_PACKET = 0x5F, 0x50  # the packet of bit n of the content register is 0x50 + n
 _FACTORY = {_CONTENT: 0x1E, _RATE: 6, _SIX_AXES: 0}  # acceleration, rate, angle, field at 10 Hz, nine axes
 _RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 _FIELD_NED_MG = (200.0, 0.0, 430.0)  # a mid-latitude field
@@ -29,8 +31,8 @@ class WitmotionEmulator:
     """A sensor with its label up and its y axis ahead, or mounted otherwise.
 
     `declination_deg` is that of the location. `temperature_c`, `pitch_deg`, `roll_deg` (of the boat) and
-    `magnetometer_works` may be set at any time. `saves` counts writes to the flash memory. `registers` are the
-    settings of the factory that differ.
+    `magnetometer_works` may be set at any time. `saves` counts writes to the flash memory. `registers` replace
+    factory settings.
     """
 
     def __init__(
@@ -120,10 +122,10 @@ class WitmotionEmulator:
     def _execute(self, now_s: float, register: int, value: int) -> None:
         is_unlocked = now_s < self._locked_s
         if register == _KEY:
-            self._locked_s = now_s + _UNLOCKED_S if value == 0xB588 else -math.inf
+            self._locked_s = now_s + _UNLOCKED_S if value == _UNLOCK_VALUE else -math.inf
         elif register == _READ and (is_unlocked or not self._locks_reads):
             numbers = [self._registers.get(value + index, 0) for index in range(4)]
-            self.transmitter.send(now_s + _REPLY_DELAY_S, _packet(0x5F, struct.pack("<4H", *numbers)))
+            self.transmitter.send(now_s + _REPLY_DELAY_S, _packet(_REGISTERS_PACKET, struct.pack("<4H", *numbers)))
         elif register == _SAVE and is_unlocked and value == 0:
             self._stored = dict(self._registers)
             self.saves += 1
@@ -145,6 +147,7 @@ class WitmotionEmulator:
         ]
         field = _right_ahead_up(to_sensor(orientation, _FIELD_NED_MG)) if self.magnetometer_works else (0.0, 0.0, 0.0)
         temperature = round(self.temperature_c * 100.0)
+        # By bit of the content register: acceleration (full scale 16 g), rate (2000 deg/s), angle (180 deg), field.
         contents = {
             1: (*acceleration, temperature),
             2: (*(rate / 2000.0 * 32768.0 for rate in rates_deg_s), temperature),
@@ -155,7 +158,7 @@ class WitmotionEmulator:
             4: (*field, temperature),
         }
         return b"".join(
-            _packet(0x50 + bit, struct.pack("<4h", *(_limit(number) for number in numbers)))
+            _packet(_FIRST_PACKET + bit, struct.pack("<4h", *(_limit(number) for number in numbers)))
             for bit, numbers in contents.items()
             if self._registers[_CONTENT] >> bit & 1
         )

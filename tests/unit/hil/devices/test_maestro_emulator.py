@@ -125,7 +125,7 @@ def test_hobby_servo_moves_without_reports(shaft, servo):
 
 
 @pytest.mark.parametrize("step_us", [4.0, -4.0])
-def test_dead_band_of_the_hobby_servo(shaft, servo, step_us):
+def test_deadband_of_the_hobby_servo(shaft, servo, step_us):
     servo.set_pulse(1600.0)
     shaft.advance(9.0)
     angle_rad = shaft.angle_rad()
