@@ -23,7 +23,8 @@ _SUPPORTED = _COMMANDS | {
     "SET_ATTITUDE_TARGET",
     "SET_POSITION_TARGET_GLOBAL_INT",
 }
-# Commands that only request messages; stations send them automatically.
+# Commands that stations send automatically, from MAV_CMD_GET_HOME_POSITION (410) and GET_MESSAGE_INTERVAL (510) to the
+# requests of versions, cameras and storage (519 to 528).
 _REQUESTS = frozenset({410, 510, 511, 512, 519, 520, 521, 522, 524, 525, 526, 527, 528})
 # Periodic messages of stations, ignored without a report.
 _PERIODIC = frozenset({"HEARTBEAT", "SYSTEM_TIME", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})

@@ -26,15 +26,18 @@ from hil.sim.signals import interruptible
 # Option and name of the device behind the adapter.
 ADAPTERS = {"compass_port": "compass", "servo_port": "rudder", "position_port": "position"}
 POLL_S = 0.03
-CHECK_S = 1.0
-DISARM_S = 2.0
+CHECK_S = 1.0  # interval of checks for a failure
+DISARM_S = 2.0  # time for the order to disarm after the run
 
 
 @contextmanager
 def open_adapters(
     paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle
 ) -> Iterator[dict[str, SerialLine]]:
-    """Open the adapter of each device; the real line then takes the transfer time, not the transmitter."""
+    """Open the adapter of each device; raise UsageError if that fails.
+
+    The transfer time is then that of the real line, not of the emulated transmitter.
+    """
     if "rudder" in paths and vehicle.rudder.driver == "pwm":
         raise UsageError("--servo-port: a servo on a PWM output has no serial line; connect the servo itself")
     bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
@@ -56,7 +59,7 @@ def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
     """Make a run with an autopilot on another computer: devices on local adapters, commands over `url`.
 
     The output directory contains the files of a run, except those that are on the float computer. The run ends with
-    the boat disarmed.
+    the boat disarmed. Raises HilError if it fails.
     """
     with recorded_run(options, time.time()) as book, interruptible(), ExitStack() as stack:
         station = GroundStation(options.goals, options.mode, shared=True, sends_first=True)

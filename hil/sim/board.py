@@ -83,12 +83,12 @@ class Board:
         """Return the port of each line in the vehicle file, by its name."""
         return {port.path.name: port.address for port in self.ports}
 
-    def port_at(self, path: str) -> Port:
-        """Return the port with this path; raise KeyError if there is none."""
+    def port_at(self, address: str) -> Port:
+        """Return the port with this address, as in the vehicle file; raise KeyError if there is none."""
         for port in self.ports:
-            if port.address == path:
+            if port.address == address:
                 return port
-        raise KeyError(path)
+        raise KeyError(address)
 
     def next_output_s(self) -> float:
         """Return the time of the next output or event of any device."""

@@ -47,7 +47,7 @@ def _make_gps(context: DeviceContext) -> Device:
 
 @runtime_checkable
 class Monitor(Protocol):
-    """A device for several sections that also measures the battery."""
+    """A compass that also measures the battery, such as a flight controller."""
 
     battery: Plant | None
 
@@ -191,10 +191,10 @@ def _make_power(
 ) -> dict[str, Device]:
     """Create the supply devices: one charger with all loads, or a charger and a monitor.
 
-    The compass is the monitor if it is `shared_by` the section power.
+    The compass is the monitor if it serves the section power (`shared_by`).
     """
     supply = world.disturbances.supply
-    board, servo = devices["compass"], devices["rudder"]
+    compass, servo = devices["compass"], devices["rudder"]
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
     entries = {name: entry for name, entry in entries.items() if name not in shared_by}
     configured = [name for name, entry in entries.items() if entry is not None]
@@ -205,8 +205,8 @@ def _make_power(
     rng = generator(seed, Stream.POWER)
     names = configured or list(entries)
     has_monitor = len(names) > 1 or "power" in shared_by
-    if isinstance(board, Monitor):
-        board.battery = plant
+    if isinstance(compass, Monitor):
+        compass.battery = plant
     return {
         name: VeDirectEmulator(
             plant,

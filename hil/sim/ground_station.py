@@ -20,7 +20,7 @@ COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
 GUIDED = Mode.GUIDED.value
 MODE_NAMES = {mode.value: mode.name for mode in Mode}
 CHANGE_HEADING = 43002  # MAV_CMD_GUIDED_CHANGE_HEADING, of the ardupilotmega dialect
-HEADING_TYPE = 1.0
+HEADING_TYPE = 1.0  # HEADING_TYPE_HEADING: true heading, not course over ground
 HEARTBEAT_S = 1.0
 RETRY_S = 0.5
 REACTION_S = 0.02  # response time of the program of a ground station
@@ -42,8 +42,8 @@ class Order:
     goal: Goal | None = None
     first_sent_s: float | None = None
     accepted_s: float | None = None
-    confirmation: int = 0
-    refusal: str = ""
+    confirmation: int = 0  # number of transmissions before, as in COMMAND_LONG
+    refusal: str = ""  # MAV_RESULT of the last rejection
     is_skipped: bool = False  # because another station steers
 
 
@@ -64,7 +64,7 @@ class GroundStation:
     def __init__(
         self, goals: Sequence[Goal], mode: int = GUIDED, *, shared: bool = False, sends_first: bool = False
     ) -> None:
-        """Create the orders for a mode and for goals in order of time; without goals GUIDED is not set."""
+        """Create the orders: arming, mode, goals in order of time; without goals there are none in GUIDED."""
         self._mode, self._shared = mode, shared
         self.skip_text = ""
         arm_order = Order("arming", 0.0, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
@@ -80,9 +80,9 @@ class GroundStation:
             for goal in goals
         ]
         self.orders: tuple[Order, ...] = (arm_order, mode_order, *goal_orders) if goals or mode != GUIDED else ()
-        self.heartbeat: Any | None = None
-        self.is_silent = False
-        self.texts: deque[tuple[float, int, str]] = deque(maxlen=MAX_TEXTS)
+        self.heartbeat: Any | None = None  # the latest of the autopilot
+        self.is_silent = False  # receives only
+        self.texts: deque[tuple[float, int, str]] = deque(maxlen=MAX_TEXTS)  # time, severity, text
         self.reached: deque[tuple[float, int]] = deque(maxlen=MAX_TEXTS)  # time and number of each mission item
         self._open_orders = deque(self.orders)
         self._tap = MavlinkTap(

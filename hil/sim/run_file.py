@@ -42,7 +42,8 @@ class OrderRecord:
 class RunFile:
     """The data of a run except truth and logs.
 
-    `ending`: UNDER_WAY, FINISHED or the reason for an early end. `sea`: labels and values. `arrivals`: time and number
+    `ending`: UNDER_WAY, FINISHED or the reason for an early end. `extras`: the disturbance options. `sea`: labels and
+    values of the scenario. `compass`, `servo`: drivers. `settings`: parameters. `arrivals`: time and number
     of each mission item reached. `start_utc_s`: UTC of the simulated receiver at time 0. `wall_s`, `supply` and
     `vessels` are None if they were not recorded.
     """

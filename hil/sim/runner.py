@@ -81,7 +81,7 @@ def _closest_approaches(book: Logbook) -> list[dict[str, float | str]] | None:
     if not book.world.ships:
         return None
     closest = ClosestApproaches(book.world.ships)
-    for piece in book.truth:
+    for piece in book.truth:  # one row a second
         closest.add(piece.time_s[::10], piece.north_m[::10], piece.east_m[::10])
     return closest.figures()
 
@@ -194,7 +194,7 @@ class _Run:
         except LockstepError:
             if autopilot.running():
                 raise
-            self._check_ending(autopilot)
+            self._check_early_end(autopilot)
             return False
         return True
 
@@ -212,7 +212,7 @@ class _Run:
                     self._begin()
                     display_stack.enter_context(display)
                 if not autopilot.running():
-                    self._check_ending(autopilot)
+                    self._check_early_end(autopilot)
                     break
                 if has_begun:
                     display.update(slack_s)
@@ -233,7 +233,7 @@ class _Run:
                 raise HilError(f"{failure}; see {self._options.out / FIRMWARE_LOG}")
         return now_s < self._options.seconds
 
-    def _check_ending(self, autopilot: AutopilotProcess) -> None:
+    def _check_early_end(self, autopilot: AutopilotProcess) -> None:
         """Raise HilError because the autopilot has ended early, unless the operator has shut it down with --play."""
         autopilot.wait(END_TIMEOUT_S)
         code = autopilot.exit_code()

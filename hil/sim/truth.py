@@ -91,7 +91,11 @@ class TruthFile:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The columns of truth.csv as arrays of equal length; goal_rad is NaN before the first goal."""
+    """The columns of truth.csv as arrays of equal length; headings are unwrapped.
+
+    heading_low_rad and yaw_rate_rad_s are those of the hull without wave yaw, heading_rad is with it. Rudder angles are
+    positive to starboard. goal_rad is NaN before the first goal. speed_m_s is through the water.
+    """
 
     time_s: Array
     heading_low_rad: Array

@@ -28,7 +28,7 @@ STEPS_PER_ROW = STEPS_PER_SECOND // ROWS_PER_SECOND
 class Mounting:
     """Mounting of compass and servo; the corrections in the vehicle file compensate it.
 
-    The rudder angle is the shaft's angle less centre_rad, negated when reversed; the compass output is the true
+    The rudder angle is the shaft's angle less rudder_centre_rad, negated when reversed; the compass output is the true
     heading less compass_offset_rad.
     """
 
@@ -71,7 +71,7 @@ def extra_columns(scenario: Scenario) -> tuple[str, ...]:
 
 
 class World:
-    """The plant: everything except the electronics. It implements Attitude and Whereabouts for the emulators.
+    """The plant: everything except the electronics. It implements Surroundings for the emulators.
 
     `advance_to` advances all of it to a time; the emulators then read and act at that time. The truth is recorded
     until `end_s` in `truth`, by default a list. `start_utc_s` is UTC at time 0, as the receiver reports it.
