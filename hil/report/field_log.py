@@ -28,14 +28,14 @@ from hil.report.log_records import SAME_START_S, LogContents, LogFile, Segment
 from hil.sim.truth import Array, Truth
 
 _LINE: Final = Activity.LINE.value
-_ANY_FAULTS: Final = float(1 << 63)
+_ANY_FAULTS: Final = float(1 << 63)  # limit of a mask of faults; larger values are damage
 MIN_GOAL_S = 60.0  # a goal that lasts this long has figures
 _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
 
 @dataclass(frozen=True, slots=True)
 class ModePeriod:
-    """A period in one mode: start, duration, and in degrees the heading errors and the rudder travel."""
+    """A period in one mode: start, duration, and in degrees the errors (heading minus goal) and the rudder travel."""
 
     t_s: float
     seconds: float

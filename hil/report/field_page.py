@@ -31,7 +31,10 @@ FIELD_NOTE = (
 
 
 def find_logs(paths: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
-    """Return the full and the thin logs of files and directories in order, and notes on logs that are not included."""
+    """Return the full and the thin logs of files and directories in order, and notes on logs that are not included.
+
+    Raises UsageError for a path that does not exist or a directory without logs.
+    """
     full: list[Path] = []
     thin: list[Path] = []
     notes = []

@@ -21,9 +21,10 @@ UNDATED_GAP_S = 0.1  # time between logs without dates
 SAME_START_S = 60.0  # clocks of process and receiver differ by less than this in a month
 _MIN_GAP_S = 5.0  # a shorter time without ticks is not reported
 _MAX_SKIPPED = 1e9  # ticks; more is damage
-_WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")
-_MAX_PARTS = 1 << 12  # of a state: more is damage
+_WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")  # records with values that are not numbers
+_MAX_PARTS = 1 << 12  # of a text in CHK or REQ records; more is damage
 _MAX_PROCESS_S = 1e9  # later times are damage
+# Records that belong to a tick: their labels and the columns for them (angles in radians).
 _TICK_RECORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "NAV": {"Hdg": "heading", "YawR": "yaw_rate", "Goal": "goal", "Err": "error"},
     "EST": {"Hdg": "hull", "WT": "wave_period", "WSd": "wave_sd"},
@@ -42,6 +43,7 @@ _TICK_COLUMNS: Final = (
     "compass",
     *(name for row in _TICK_RECORDS.values() for name in row.values()),
 )
+# Labels of the other records, as arguments of their readers.
 _COLUMNS: Final[dict[str, Sequence[str]]] = {
     "TICK": ("T", "Late", "Skip"),
     "FIX": ("T", "LatR", "LngR", "Sog"),
@@ -116,7 +118,7 @@ class LogFile:
     """Reader of the records of one file."""
 
     def __init__(self, path: Path, contents: LogContents) -> None:
-        """Add the records of a file to `contents`."""
+        """Set the contents to which `read` adds the records; the path only names the log."""
         self._path, self._contents = path, contents
         self._row: dict[str, float] = {}
         self._first_s: float | None = None

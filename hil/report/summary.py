@@ -27,7 +27,10 @@ Summary = dict[str, Any]
 
 
 def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summary:
-    """Return the content of summary.json; errors are heading without wave yaw minus goal."""
+    """Return the content of summary.json; raise UsageError if the truth cannot be read.
+
+    Errors are the heading without wave yaw minus the goal.
+    """
     truth = RecordedTruth(out / TRUTH_FILE)
     try:
         figures = goal_figures(truth)
@@ -81,7 +84,7 @@ def read_onboard_logs(out: Path) -> FieldLog | None:
 
 
 def onboard_shift_s(record: RunFile, log: FieldLog) -> float:
-    """Return truth time minus log time; in real time it is that of the receiver's clock, within 0.3 s."""
+    """Return truth time minus log time; in real time it follows from the UTC of the receiver, to 0.3 s."""
     if record.lockstep or log.utc_s is None:
         return log.start_s
     return log.utc_s - record.start_utc_s

@@ -23,8 +23,9 @@ from hil.sim.truth import Array
 Rows = NDArray[np.intp]
 DAY_S: Final = 86_400.0
 _GAP_S: Final = 600.0  # no line is drawn across a longer gap between two rows
-_SAILING_COLUMNS = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
-_UPKEEP_COLUMNS = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
+# Labels of the two records of a row.
+_THIN_LABELS = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
+_THNE_LABELS = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,26 +52,26 @@ def read(paths: Sequence[Path]) -> ThinTable:
     """Read thin logs without rows of impossible times; raise UsageError for a log that cannot be read."""
     rows: list[tuple[float, ...]] = []
     times_s: list[float] = []
-    columns = {"THIN": ("TimeUS", *_SAILING_COLUMNS), "THNE": _UPKEEP_COLUMNS}
+    columns = {"THIN": ("TimeUS", *_THIN_LABELS), "THNE": _THNE_LABELS}
     for path in paths:
-        sailing: tuple[float, ...] | None = None
+        thin_values: tuple[float, ...] | None = None
         try:
             with open_buffer(path) as data:
                 for name, values in records(data, columns):
                     if name == "THIN":
-                        sailing = values
-                    elif sailing is not None:
-                        times_s.append(sailing[0] / 1e6)
-                        rows.append((*sailing[1:], *values))
-                        sailing = None
+                        thin_values = values
+                    elif thin_values is not None:
+                        times_s.append(thin_values[0] / 1e6)
+                        rows.append((*thin_values[1:], *values))
+                        thin_values = None
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
     utc_s = corrected_utc_s([row[0] for row in rows], times_s, [row[1] for row in rows])
     dated_rows = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
     undated_s = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
-    table = np.array(sorted(dated_rows), dtype=np.float64).reshape(-1, len(_SAILING_COLUMNS) + len(_UPKEEP_COLUMNS))
+    table = np.array(sorted(dated_rows), dtype=np.float64).reshape(-1, len(_THIN_LABELS) + len(_THNE_LABELS))
     return ThinTable(
-        dict(zip((*_SAILING_COLUMNS, *_UPKEEP_COLUMNS), table.T.copy(), strict=True)), float(np.nansum(undated_s))
+        dict(zip((*_THIN_LABELS, *_THNE_LABELS), table.T.copy(), strict=True)), float(np.nansum(undated_s))
     )
 
 
