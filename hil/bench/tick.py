@@ -27,8 +27,9 @@ STATE = "state"
 SEA = "sea"
 REPLAY_S, WORK_S = 300.0, 60.0
 MICROSECONDS = 1e6
+# A program for comparison, and its number of calls in thousands.
 CALLS, THOUSANDS = "one = 0.0\nfor _ in range(5_000_000): one = abs(one)", 5_000
-WARM_UP_TICKS, TICKS_PER_COUNT = 100, 7  # the first ticks fill caches
+WARM_UP_TICKS, TICKS_PER_COUNT = 100, 7  # the first ticks fill caches; then every seventh tick is counted
 Result = TypeVar("Result")
 
 # Program for a separate process, which has empty caches.

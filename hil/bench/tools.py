@@ -29,6 +29,7 @@ MIN_TICKS_PER_S = 2e5
 NANOSECONDS, MICROSECONDS = 1e9, 1e6
 HOUR_S, STEP_S = 3600.0, 0.1
 MAX_IDENTIFICATION_S = 5.0
+# Bounds of a search for K, T and alpha.
 LOW, HIGH = np.array((0.005, 0.5, 0.0)), np.array((0.5, 40.0, 100.0))
 
 

@@ -19,15 +19,18 @@ from hil.bench.setting import Setting
 from hil.errors import HilError
 
 ITEMS = 500
-LISTS = 10
-SETTLE_S = 3.0
-QUIET_S = 0.3
+LISTS = 10  # number of times that the parameters are listed
+SETTLE_S = 3.0  # after the start of the autopilot
+QUIET_S = 0.3  # time without a message that ends a list
 MAX_MISSION_S = 1.0
-SYSTEM, COMPONENT = 252, 190
+SYSTEM, COMPONENT = 252, dialect.MAV_COMP_ID_MISSIONPLANNER
 RETRY_S = 0.25
 RETRIES = 20
 BUFFER_BYTES = 1 << 22  # the system may grant less
-_PARAM_VALUE, _COUNT, _REQUEST, _REQUEST_INT, _ITEM_INT, _ACK = 22, 44, 40, 51, 73, 47
+_PARAM_VALUE = dialect.MAVLINK_MSG_ID_PARAM_VALUE
+_COUNT, _ACK = dialect.MAVLINK_MSG_ID_MISSION_COUNT, dialect.MAVLINK_MSG_ID_MISSION_ACK
+_REQUEST, _REQUEST_INT = dialect.MAVLINK_MSG_ID_MISSION_REQUEST, dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
+_ITEM_INT = dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _ITEM_SEQUENCE = 28  # its offset in the payload
 _READ_BYTES = 65536
 _HEADER, _CHECKSUM, _SIGNATURE = 10, 2, 13
@@ -85,10 +88,11 @@ def _list_parameters(station: Requester) -> tuple[int, float]:
 
 def _upload(station: Requester) -> float:
     """Return the time in seconds from the count of a mission to its acknowledgement; NaN if it is not accepted."""
+    waypoint = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, dialect.MAV_CMD_NAV_WAYPOINT)
     items = [
         station.pack(
             dialect.MAVLink_mission_item_int_message(
-                1, 1, row, 6, 16, 0, 1, 0, 0, 0, 0, 360000000 + 100 * row, 1210000000 + 100 * (row % 7), 0, 0
+                1, 1, row, *waypoint, 0, 1, 0, 0, 0, 0, 360000000 + 100 * row, 1210000000 + 100 * (row % 7), 0, 0
             )
         )
         for row in range(ITEMS)

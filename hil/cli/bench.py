@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure and print; the table marks missed targets, which are no error."""
+    """Measure and print; return 1 if a figure is worse than in --against. Missed targets are only marked."""
     _check(arguments)
     entries = {} if arguments.against is None else figure_file.read("--against", arguments.against)
     baseline = over_time.baseline_of(entries)

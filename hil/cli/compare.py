@@ -91,7 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
-    """Return the limits of each row at its rudder travel, without and with a receiver; None if unknown."""
+    """Return the smallest rms errors [deg] at the rudder travel of each row, without and with a receiver.
+
+    None for a sea in which they are unknown.
+    """
     from hil.lab.compare.limit import at_travel, is_exact_for, limits  # noqa: PLC0415 - scipy is slow to import
 
     seas = {row.scenario: scenarios.parse_scenario(row.scenario) for row in rows}

@@ -145,15 +145,15 @@ def run(arguments: argparse.Namespace) -> int:
     if imei and not (len(imei) == IMEI_DIGITS and imei.isascii() and imei.isdigit()):
         raise UsageError(f"--imei {imei[:30]}: give the 15 digits of the modem")
     try:
-        inbox, post = MessagePost(arguments.directory, FROM_BOAT), MessagePost(arguments.directory, TO_BOAT)
+        from_boat, to_boat = MessagePost(arguments.directory, FROM_BOAT), MessagePost(arguments.directory, TO_BOAT)
     except OSError as error:
         raise UsageError(f"directory {arguments.directory}: {error.strerror}; give another") from None
     with contextlib.ExitStack() as stack:
         is_stopped = stack.enter_context(stop_signal_handler())
         station = stack.enter_context(contextlib.closing(StationLink(arguments.station, key)))
-        outbox = stack.enter_context(contextlib.closing(_Outbox(post, _sender_of(arguments))))
+        outbox = stack.enter_context(contextlib.closing(_Outbox(to_boat, _sender_of(arguments))))
         if arguments.http is not None:
-            web = stack.enter_context(contextlib.closing(Inbox(_address_of(arguments.http), inbox)))
+            web = stack.enter_context(contextlib.closing(Inbox(_address_of(arguments.http), from_boat)))
             print(f"receiving messages on port {web.port}")
         gateway = Gateway(station, outbox.deliver, _log, key=key, imei=imei)
         print(f"{arguments.directory}: messages of {imei or 'any boat'}; station {arguments.station}", flush=True)
@@ -162,10 +162,10 @@ def run(arguments: argparse.Namespace) -> int:
             now_s = time.monotonic()
             if now_s >= next_poll_s:
                 next_poll_s = now_s + _POLL_DIRECTORY_S
-                for sender, _, content in inbox.take():
-                    _call_safely(gateway, partial(gateway.receive_message, sender, content))
-                problems = [*inbox.problems, *outbox.problems]
-                inbox.problems.clear()
+                for sender_imei, _, content in from_boat.take():
+                    _call_safely(gateway, partial(gateway.receive_message, sender_imei, content))
+                problems = [*from_boat.problems, *outbox.problems]
+                from_boat.problems.clear()
                 outbox.problems.clear()
                 for problem in problems:
                     gateway.report_problem(problem)
