@@ -54,9 +54,13 @@ def pni_frame(frame_id, payload=b""):
     return body + struct.pack(">H", crc16(body))
 
 
+PNI_DATA, NAV_PVT = 5, 0x0107  # frame id of PNI; class and id of UBX
+
+
 def pni_data(heading_deg, pitch_deg=1.5, roll_deg=-2.5, distortion=0, temperature_c=18.0):
+    # Number of components; then id and value of heading, pitch, roll, distortion, temperature.
     values = (5, 5, heading_deg, 24, pitch_deg, 25, roll_deg, 8, distortion, 7, temperature_c)
-    return pni_frame(5, struct.pack(">BBfBfBfBBBf", *values))
+    return pni_frame(PNI_DATA, struct.pack(">BBfBfBfBBBf", *values))
 
 
 @pytest.fixture
@@ -96,10 +100,11 @@ def nav_pvt(
     nanosecond=250_000_000,
     flags3=0,
 ):
+    """Return a NAV-PVT: lat and lon in 1e-7 deg, speed in mm/s, course in 1e-5 deg."""
     payload = struct.pack("<IHBBBBBBIi", 0, *date, *time, valid, 0, nanosecond)
     payload += struct.pack("<BBBBiiiiII", fix_type, flags, 0, 14, lon, lat, 25424, altitude_mm, accuracy_mm, 1602)
     payload += struct.pack("<iiiiiIIHH", 0, 0, 0, speed, course, 0, 0, 145, flags3)
-    return ubx_packet(0x0107, payload.ljust(92, b"\0"))
+    return ubx_packet(NAV_PVT, payload.ljust(92, b"\0"))
 
 
 @pytest.fixture

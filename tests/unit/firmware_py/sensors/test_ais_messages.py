@@ -12,7 +12,7 @@ from pyais.exceptions import AISBaseException
 from firmware_py.common.angles import degrees
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.sensors.ais_messages import decode_reports
-from firmware_py.sensors.ais_payload import Payload, read_payload
+from firmware_py.sensors.ais_payload import TYPE_24_PART_B, Payload, read_payload
 from firmware_py.sensors.ais_sentences import Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
 from support.paths import DATA
@@ -187,6 +187,7 @@ def test_recordings_are_decoded_as_by_gpsd(path):
 
 
 def payload(message_type, mmsi=211000000, **numbers):
+    """Return a payload with numbers in the units of the protocol: 1/600000 deg, 0.1 knots, 0.1 deg, heading in deg."""
     position = {"latitude": 54 * 600_000, "longitude": 10 * 600_000, "accurate": 1}
     return Payload(message_type, mmsi, {**position, "speed": 123, "course": 2713, "heading": 270, **numbers}, {})
 
@@ -248,7 +249,7 @@ def test_impossible_position_or_mmsi_is_rejected(invalid):
 def test_dimensions_of_an_auxiliary_craft_are_unknown():
     numbers = {"ship_type": 36, "to_bow": 5, "to_stern": 6, "to_port": 1, "to_starboard": 2}
     for mmsi, dimensions_m in ((211000000, (5, 6, 1, 2)), (982110000, None)):
-        (identity,) = decode_reports(Payload(25, mmsi, numbers, {"call_sign": "AB"}), 0.0)
+        (identity,) = decode_reports(Payload(TYPE_24_PART_B, mmsi, numbers, {"call_sign": "AB"}), 0.0)
         assert identity == VesselIdentity(0.0, mmsi, "", "AB", 36, dimensions_m)
 
 

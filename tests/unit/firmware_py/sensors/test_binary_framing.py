@@ -4,23 +4,24 @@ import pytest
 
 from firmware_py.sensors import pni_protocol, ubx_protocol
 from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
+from firmware_py.sensors.pni_protocol import Frame
 
-INFO = bytes.fromhex("000501efd4")
-DATA = bytes.fromhex("000504bf71")
-DAMAGED = INFO[:-1] + b"\x00"
-NESTED = pni_protocol.encode(5, INFO)  # a packet that contains a packet
+GET_MODULE_INFO = bytes.fromhex("000501efd4")
+GET_DATA = bytes.fromhex("000504bf71")
+DAMAGED = GET_MODULE_INFO[:-1] + b"\x00"
+NESTED = pni_protocol.encode(Frame.DATA, GET_MODULE_INFO)  # a packet that contains a packet
 
 
 @pytest.mark.parametrize(
     ("chunks", "packets"),
     [
         ([], []),
-        ([INFO + DATA], [(0, 5, INFO), (5, 5, DATA)]),
-        ([b"hello" + INFO + b"\xff"], [(0, 5, "malformed"), (5, 5, INFO), (10, 1, "malformed")]),
-        ([DAMAGED + DATA + DAMAGED], [(0, 5, "checksum"), (5, 5, DATA), (10, 5, "checksum")]),
-        ([INFO, DATA[:4]], [(0, 5, INFO), (5, 4, "checksum")]),
-        ([b"hello" + INFO[:4], INFO[4:]], [(0, 5, "malformed"), (5, 5, INFO)]),
-        ([NESTED + DATA], [(0, 10, NESTED), (10, 5, DATA)]),
+        ([GET_MODULE_INFO + GET_DATA], [(0, 5, GET_MODULE_INFO), (5, 5, GET_DATA)]),
+        ([b"hello" + GET_MODULE_INFO + b"\xff"], [(0, 5, "malformed"), (5, 5, GET_MODULE_INFO), (10, 1, "malformed")]),
+        ([DAMAGED + GET_DATA + DAMAGED], [(0, 5, "checksum"), (5, 5, GET_DATA), (10, 5, "checksum")]),
+        ([GET_MODULE_INFO, GET_DATA[:4]], [(0, 5, GET_MODULE_INFO), (5, 4, "checksum")]),
+        ([b"hello" + GET_MODULE_INFO[:4], GET_MODULE_INFO[4:]], [(0, 5, "malformed"), (5, 5, GET_MODULE_INFO)]),
+        ([NESTED + GET_DATA], [(0, 10, NESTED), (10, 5, GET_DATA)]),
     ],
     ids=["empty", "packets", "noise", "damaged", "truncated", "in two parts", "nested"],
 )
@@ -33,9 +34,9 @@ def test_stream_is_split_into_packets_and_skipped_bytes(chunks, packets):
 def test_false_length_does_not_delay_the_valid_packets_after_it():
     framer = pni_protocol.create_framer()
     assert framer.feed(b"\x00\x7f\x05") == []  # a header with a length of 127 bytes
-    (skipped, info) = framer.feed(INFO)
-    assert (skipped.size, skipped.fault, info.data) == (3, "checksum", INFO)
-    assert [packet.data for packet in framer.feed(DATA)] == [DATA]
+    (skipped, info) = framer.feed(GET_MODULE_INFO)
+    assert (skipped.size, skipped.fault, info.data) == (3, "checksum", GET_MODULE_INFO)
+    assert [packet.data for packet in framer.feed(GET_DATA)] == [GET_DATA]
 
 
 @pytest.mark.parametrize("size", [1, 64, 4096])

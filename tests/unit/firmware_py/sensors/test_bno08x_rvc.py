@@ -124,7 +124,7 @@ def test_rate_is_the_turn_over_five_frames(line, deliver, clockwise):
     assert (sample.roll_rad, sample.pitch_rad, sample.variation_rad) == (None, None, None)
 
 
-def test_rate_over_the_south_of_the_yaw_and_the_end_of_the_index(send):
+def test_rate_is_right_where_yaw_wraps_at_180_deg_and_the_index_at_255(send):
     samples = send(frames(250, [179.0, 179.5, -180.0, -179.5, -179.0, -178.5, -178.0, -177.5]))
     assert rates_deg_s(samples) == pytest.approx([50.0] * 3)
 

@@ -7,16 +7,17 @@ from firmware_py.common.records import DeviceRole
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.mavlink_board import FlightController, Wanted
 from firmware_py.sensors.mavlink_frames import Message, Stream
-from support.flight_controller import INVALID, PX4, Board, decode_all, kinds, requested
+from support.flight_controller import ARDUPILOT, INVALID, PX4, Board, decode_all, kinds, requested
 
-ATTITUDE, STATUS = 30, 193
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 WANTED = (
     Wanted(Message.ATTITUDE, 10, Stream.EXTRA1),
-    Wanted(Message.EKF_STATUS_REPORT, 2, Stream.EXTRA3, 3),
-    Wanted(Message.ESTIMATOR_STATUS, 2, Stream.EXTRA3, 12),
+    Wanted(Message.EKF_STATUS_REPORT, 2, Stream.EXTRA3, ARDUPILOT),
+    Wanted(Message.ESTIMATOR_STATUS, 2, Stream.EXTRA3, PX4),
 )
-BOTH = [(ATTITUDE, 100_000), (STATUS, 500_000)]
+BOTH = [(Message.ATTITUDE, 100_000), (Message.EKF_STATUS_REPORT, 500_000)]  # message, interval in microseconds
 REQUEST, GROUP = "COMMAND_LONG", "REQUEST_DATA_STREAM"
+SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 class Rig:
@@ -25,7 +26,7 @@ class Rig:
     def __init__(self, line, address=(0, 1)):
         self.line = line
         self.monitor = DeviceMonitor(line, DeviceRole.COMPASS)
-        self.connection = FlightController(line, self.monitor, address, 191, WANTED)
+        self.connection = FlightController(line, self.monitor, address, COMPONENT, WANTED)
         self.frames = []
 
     def receive(self, now_s, *data):
@@ -68,11 +69,16 @@ def test_only_the_first_of_two_autopilots_is_read_and_the_other_is_reported(rig,
 
 @pytest.mark.parametrize(
     ("system", "component", "autopilot", "kind"),
-    [(255, 190, INVALID, 6), (255, 190, 3, 6), (1, 154, INVALID, 26), (1, 191, INVALID, 18)],
+    [
+        (255, 190, INVALID, dialect.MAV_TYPE_GCS),
+        (255, 190, ARDUPILOT, dialect.MAV_TYPE_GCS),
+        (1, 154, INVALID, dialect.MAV_TYPE_GIMBAL),
+        (1, COMPONENT, INVALID, dialect.MAV_TYPE_ONBOARD_CONTROLLER),
+    ],
 )
 def test_other_components_are_neither_selected_nor_reported(rig, system, component, autopilot, kind):
     other = Board(system, component, autopilot, kind)
-    rig.connection = FlightController(rig.line, rig.monitor, (0, component), 191, WANTED)
+    rig.connection = FlightController(rig.line, rig.monitor, (0, component), COMPONENT, WANTED)
     rig.select(other)
     assert requested(rig.receive(1.0, other.heartbeat(), other.attitude())) == []
     assert (rig.frames, rig.connection.other_text) == ([], "")
@@ -92,7 +98,7 @@ def test_board_is_that_of_the_vehicle_file(line, address, is_read):
     assert rig.connection.other_text == ""
 
 
-def test_two_boards_with_alternating_heartbeats_and_many_ghosts_do_not_prevent_the_selection(rig, board):
+def test_single_heartbeats_of_many_other_systems_do_not_prevent_the_selection(rig, board):
     for system in range(2, 60):
         rig.receive(0.0, Board(system).heartbeat())
     rig.receive(0.1, board.heartbeat(), Board(2).heartbeat(), board.heartbeat())
@@ -119,7 +125,7 @@ def test_heartbeat_once_a_second_with_the_system_id_of_the_board(rig):
     assert [(tenth, message.get_type(), message.get_srcSystem()) for tenth, message in sent] == expected
     rig.select(Board(system=9), 3.0)
     (heartbeat,) = [row for row in decode_all(rig.receive(4.0)) if row.get_type() == "HEARTBEAT"]
-    assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (9, 191)
+    assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (9, COMPONENT)
 
 
 def test_own_system_is_that_of_the_vehicle_file_before_the_board_is_known(line):
@@ -129,7 +135,7 @@ def test_own_system_is_that_of_the_vehicle_file_before_the_board_is_known(line):
 
 def test_requests_are_addressed_to_the_board(rig):
     (request, *_) = [row for row in decode_all(rig.select(Board(system=9))) if row.get_type() == REQUEST]
-    assert (request.command, request.target_system, request.target_component) == (511, 9, 1)
+    assert (request.command, request.target_system, request.target_component) == (SET_INTERVAL, 9, 1)
 
 
 def requests_over_time(rig, seconds, *data, from_s=0.0):
@@ -167,7 +173,9 @@ def test_message_is_missing_after_two_seconds(rig, board, last_s, requested_s):
 @pytest.mark.parametrize(("last_s", "requested_s"), [(8.9, 12.0), (9.0, 13.0)])
 def test_slow_message_is_missing_after_three_intervals(line, board, last_s, requested_s):
     rig = Rig(line)
-    rig.connection = FlightController(line, rig.monitor, (0, 1), 191, [Wanted(Message.SYSTEM_TIME, 1, Stream.EXTRA3)])
+    rig.connection = FlightController(
+        line, rig.monitor, (0, 1), COMPONENT, [Wanted(Message.SYSTEM_TIME, 1, Stream.EXTRA3)]
+    )
     rig.select(board)
     time = board.pack(dialect.MAVLink_system_time_message(0, 10_000))
     requests_over_time(rig, last_s, board.heartbeat(), time, from_s=0.1)
@@ -176,24 +184,35 @@ def test_slow_message_is_missing_after_three_intervals(line, board, last_s, requ
 
 
 @pytest.mark.parametrize(
-    ("result", "is_refused"), [(0, False), (1, False), (2, True), (3, True), (4, True), (5, False)]
+    ("result", "is_refused"),
+    [
+        (dialect.MAV_RESULT_ACCEPTED, False),
+        (dialect.MAV_RESULT_TEMPORARILY_REJECTED, False),
+        (dialect.MAV_RESULT_DENIED, True),
+        (dialect.MAV_RESULT_UNSUPPORTED, True),
+        (dialect.MAV_RESULT_FAILED, True),
+        (dialect.MAV_RESULT_IN_PROGRESS, False),
+    ],
 )
 def test_group_is_requested_after_a_refusal(rig, board, result, is_refused):
     rig.select(board)
     rig.receive(0.5, board.acknowledgement(result))
     groups = [row for row in decode_all(rig.receive(1.0)) if row.get_type() == GROUP]
-    expected = [(10, 10), (12, 2)] if is_refused else []
+    expected = [(dialect.MAV_DATA_STREAM_EXTRA1, 10), (dialect.MAV_DATA_STREAM_EXTRA3, 2)] if is_refused else []
     assert [(row.req_stream_id, row.req_message_rate) for row in groups] == expected
 
 
 def test_acknowledgement_of_another_command_is_no_refusal(rig, board):
     rig.select(board)
-    rig.receive(0.5, board.acknowledgement(3, command=400))
+    rig.receive(0.5, board.acknowledgement(dialect.MAV_RESULT_UNSUPPORTED, dialect.MAV_CMD_COMPONENT_ARM_DISARM))
     assert GROUP not in kinds(rig.receive(1.0))
 
 
 def test_status_message_is_that_of_the_software(rig):
-    assert requested(rig.select(Board(autopilot=PX4))) == [(ATTITUDE, 100_000), (230, 500_000)]
+    assert requested(rig.select(Board(autopilot=PX4))) == [
+        (Message.ATTITUDE, 100_000),
+        (Message.ESTIMATOR_STATUS, 500_000),
+    ]
 
 
 def test_all_messages_are_requested_again_after_a_restart_of_the_board(rig, board):
@@ -232,14 +251,14 @@ def test_all_messages_are_requested_again_after_a_gap_of_the_heartbeats(rig, boa
 
 def test_refusal_is_forgotten_after_a_restart(rig, board):
     rig.select(board)
-    rig.receive(0.5, board.attitude(boot_ms=60_000), board.acknowledgement(3))
+    rig.receive(0.5, board.attitude(boot_ms=60_000), board.acknowledgement(dialect.MAV_RESULT_UNSUPPORTED))
     rig.receive(0.6, board.attitude(boot_ms=1000))
     assert kinds(rig.receive(1.7)) == ["HEARTBEAT", REQUEST, REQUEST]
 
 
 def test_only_heartbeats_and_requests_leave_whatever_arrives(rig):
-    """No message that arms, moves or sets the flight controller leaves."""
-    boards = [Board(), Board(2), Board(1, 1, PX4), Board(255, 190, INVALID, 6)]
+    """No message that arms, moves or configures the flight controller leaves."""
+    boards = [Board(), Board(2), Board(1, 1, PX4), Board(255, 190, INVALID, dialect.MAV_TYPE_GCS)]
     for tenth in range(300):
         data = b"".join(
             board.heartbeat() + board.attitude(boot_ms=tenth % 37 * 1000) + board.acknowledgement(tenth % 6)
@@ -250,9 +269,11 @@ def test_only_heartbeats_and_requests_leave_whatever_arrives(rig):
         rig.receive(tenth / 10, data)
     sent = decode_all(rig.line.written)
     assert {message.get_type() for message in sent} == {"HEARTBEAT", REQUEST, GROUP}
-    assert {message.command for message in sent if message.get_type() == REQUEST} == {511}
-    assert {int(message.param1) for message in sent if message.get_type() == REQUEST} <= {30, 193, 230}
-    assert {message.type for message in sent if message.get_type() == "HEARTBEAT"} == {18}
+    assert {message.command for message in sent if message.get_type() == REQUEST} == {SET_INTERVAL}
+    assert {int(message.param1) for message in sent if message.get_type() == REQUEST} <= {row.message for row in WANTED}
+    assert {message.type for message in sent if message.get_type() == "HEARTBEAT"} == {
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER
+    }
     assert all(message.param2 > 0 for message in sent if message.get_type() == REQUEST)
     assert len(sent) < 300  # bounded: at most ten messages a second
 

@@ -8,9 +8,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.mavlink_compass import MavlinkCompass, MavlinkCompassOptions
+from firmware_py.sensors.mavlink_frames import Message
 from hil.devices.mavlink_board import MavlinkBoardEmulator, Software
 from support.flight_controller import PX4, Board, decode_all, requested
 
+# Flags of EKF_STATUS_REPORT: without a valid attitude; with one, but not initialised.
 NOT_READY, UNINITIALIZED = 0x033E, 0x0401
 
 
@@ -94,7 +96,7 @@ def test_heading_is_valid_while_the_estimator_says_so(rig, status, text):
 
 @pytest.mark.parametrize(
     ("status", "is_valid"),
-    [({}, True), ({"flags": NOT_READY}, False), ({"ratio": 1.01}, False), ({"flags": 0x401}, True)],
+    [({}, True), ({"flags": NOT_READY}, False), ({"ratio": 1.01}, False), ({"flags": UNINITIALIZED}, True)],
 )
 def test_status_of_px4(line, status, is_valid):
     """Bit 10 of ESTIMATOR_STATUS is a GNSS glitch, which does not concern the heading."""
@@ -212,14 +214,16 @@ def test_states_without_headings(line):
 
 def test_defaults_are_ten_headings_a_second_of_any_system(line):
     rig = Rig(line, Board(system=3))
-    assert requested(line.written) == [(30, 100_000), (193, 500_000)]
+    assert requested(line.written) == [(Message.ATTITUDE, 100_000), (Message.EKF_STATUS_REPORT, 500_000)]
     assert rig.headings(1.0, rig.board.ekf(), rig.board.attitude()) == [98.5]
 
 
 def test_messages_are_requested_at_the_rate_of_the_vehicle_file(line):
     Rig(line, rate_hz=20)
-    assert requested(line.written) == [(30, 50_000), (193, 500_000)]
-    assert {message.get_srcComponent() for message in decode_all(line.written)} == {191}
+    assert requested(line.written) == [(Message.ATTITUDE, 50_000), (Message.EKF_STATUS_REPORT, 500_000)]
+    assert {message.get_srcComponent() for message in decode_all(line.written)} == {
+        dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+    }
 
 
 class Turning:

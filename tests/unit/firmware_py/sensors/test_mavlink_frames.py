@@ -23,6 +23,7 @@ RECORDED = bytes(number & 0xFF for number in (
     -109, 44, 60, 5, 69, -93, -65, 123, 62, -93, -70, -90, -95, 106, -69, 60, 20, 91, -71, 11, 118,
 ))  # fmt: skip
 
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
 # One message of each kind, with different values in all fields.
 MESSAGES = {
     Message.HEARTBEAT: dialect.MAVLink_heartbeat_message(11, 3, 81, 123456, 4, 3),
@@ -35,7 +36,7 @@ MESSAGES = {
     Message.GLOBAL_POSITION_INT: dialect.MAVLink_global_position_int_message(
         98765, 361234567, -1211234567, 12345, 10, -31, 42, 5, 35999
     ),
-    Message.COMMAND_ACK: dialect.MAVLink_command_ack_message(511, 3, 7, -8, 1, 191),
+    Message.COMMAND_ACK: dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 3, 7, -8, 1, 191),
     Message.BATTERY_STATUS: dialect.MAVLink_battery_status_message(
         1, 2, 3, 2150, [4100 + cell for cell in range(10)], -120, 55, 66, 77, 88, 1, (11, 12, 13, 14), 2, 99
     ),
@@ -47,7 +48,10 @@ MESSAGES = {
 
 
 # Payload bytes of MAVLink 1, which has no extension fields; pymavlink would send them.
-BASE_BYTES = {1: 31, 24: 30, 77: 3, 147: 36, 193: 22}
+BASE_BYTES = {
+    Message.SYS_STATUS: 31, Message.GPS_RAW_INT: 30, Message.COMMAND_ACK: 3, Message.BATTERY_STATUS: 36,
+    Message.EKF_STATUS_REPORT: 22,
+}  # fmt: skip
 
 
 def pack(message, *, mavlink1=False, key=None):
@@ -106,7 +110,7 @@ def test_recorded_attitudes_among_other_messages():
     assert first.fields[1:4] == pytest.approx((-0.00418, 0.01060, -1.27552), abs=1e-5)
 
 
-def test_cut_zeros_and_missing_extensions_are_zero():
+def test_truncated_zeros_and_missing_extensions_are_zero():
     message = dialect.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     stream = pack(message)
     assert stream[1] == 1
@@ -116,8 +120,8 @@ def test_cut_zeros_and_missing_extensions_are_zero():
 
 def test_extension_fields_of_newer_definitions_are_ignored():
     payload = struct.pack("<I6f", 98765, 0.1, -0.2, 3.0, 0.01, -0.02, 0.03) + b"newer"
-    header = bytes((len(payload), 0, 0, 5, 7, 9)) + (30).to_bytes(3, "little")
-    checksum = dialect.x25crc(header + payload + bytes((39,))).crc
+    header = bytes((len(payload), 0, 0, 5, 7, 9)) + Message.ATTITUDE.to_bytes(3, "little")
+    checksum = dialect.x25crc(header + payload + bytes((39,))).crc  # CRC_EXTRA of ATTITUDE
     (frame,) = frames(b"\xfd" + header + payload + checksum.to_bytes(2, "little"))
     assert frame.fields[0] == 98765
 
@@ -158,7 +162,7 @@ def decode_sent(data):
 
 
 def test_own_messages_are_decoded_by_pymavlink():
-    encoder = Encoder(192)
+    encoder = Encoder(COMPONENT)
     sent = (
         encoder.heartbeat(7),
         encoder.message_interval(7, 1, Message.ATTITUDE, 10),
@@ -168,24 +172,26 @@ def test_own_messages_are_decoded_by_pymavlink():
     heartbeat, attitude, time, group = map(decode_sent, sent)
     assert {(data[0], data[2], data[3]) for data in sent} == {(0xFD, 0, 0)}  # without flags
     assert [message.get_seq() for message in (heartbeat, attitude, time, group)] == [0, 1, 2, 3]
-    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in (heartbeat, group)} == {(7, 192)}
+    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in (heartbeat, group)} == {(7, COMPONENT)}
     assert heartbeat.to_dict() == {
-        "mavpackettype": "HEARTBEAT", "type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4,
+        "mavpackettype": "HEARTBEAT", "type": dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+        "autopilot": dialect.MAV_AUTOPILOT_INVALID, "base_mode": 0, "custom_mode": 0,
+        "system_status": dialect.MAV_STATE_ACTIVE,
         "mavlink_version": 3,
     }  # fmt: skip
     assert (attitude.get_type(), attitude.command, attitude.target_system, attitude.target_component) == (
-        "COMMAND_LONG", 511, 7, 1,
+        "COMMAND_LONG", dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 7, 1,
     )  # fmt: skip
-    assert (attitude.param1, attitude.param2, attitude.confirmation) == (30.0, 100_000.0, 0)
+    assert (attitude.param1, attitude.param2, attitude.confirmation) == (Message.ATTITUDE, 100_000.0, 0)
     assert [getattr(attitude, f"param{number}") for number in range(3, 8)] == [0.0] * 5
-    assert (time.param1, time.param2) == (2.0, 333_333.0)
+    assert (time.param1, time.param2) == (Message.SYSTEM_TIME, 333_333.0)
     assert group.to_dict() == {
-        "mavpackettype": "REQUEST_DATA_STREAM", "target_system": 7, "target_component": 1, "req_stream_id": 10,
-        "req_message_rate": 1, "start_stop": 1,
+        "mavpackettype": "REQUEST_DATA_STREAM", "target_system": 7, "target_component": 1,
+        "req_stream_id": dialect.MAV_DATA_STREAM_EXTRA1, "req_message_rate": 1, "start_stop": 1,
     }  # fmt: skip
 
 
 def test_sequence_number_wraps():
-    encoder = Encoder(191)
+    encoder = Encoder(COMPONENT)
     numbers = [decode_sent(encoder.heartbeat(1)).get_seq() for _ in range(258)]
     assert numbers[254:] == [254, 255, 0, 1]

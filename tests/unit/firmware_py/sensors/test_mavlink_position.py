@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState, FixType
+from firmware_py.sensors.mavlink_frames import Message
 from firmware_py.sensors.mavlink_position import MavlinkPosition, MavlinkPositionOptions
 from support.flight_controller import Board, decode_all, requested, requested_groups
 
@@ -13,6 +14,7 @@ UTC_S = 1_767_225_600.25
 
 
 def gps(fix=3, *, time_us=1, lat=36.5, lon=-121.25, eph=85, vel=47, cog=27000, satellites=14, accuracy_mm=1200):
+    """Return a GPS_RAW_INT: position in degrees, eph in 0.01, vel in cm/s, cog in 0.01 deg."""
     return dialect.MAVLink_gps_raw_int_message(
         time_us, fix, round(lat * 1e7), round(lon * 1e7), 12345, eph, 130, vel, cog, satellites, 0, accuracy_mm
     )
@@ -176,14 +178,23 @@ def test_restart_of_the_board_discards_fix_and_time(line):
 @pytest.mark.parametrize(
     ("solution", "messages"),
     [
-        ("receiver", [(24, 500_000), (2, 1_000_000)]),
-        ("estimator", [(24, 500_000), (2, 1_000_000), (33, 500_000)]),
+        ("receiver", [(Message.GPS_RAW_INT, 500_000), (Message.SYSTEM_TIME, 1_000_000)]),
+        (
+            "estimator",
+            [
+                (Message.GPS_RAW_INT, 500_000),
+                (Message.SYSTEM_TIME, 1_000_000),
+                (Message.GLOBAL_POSITION_INT, 500_000),
+            ],
+        ),
     ],
 )
 def test_requested_messages(line, solution, messages):
     Rig(line, solution=solution, rate_hz=2)
     assert requested(line.written) == messages
-    assert {message.get_srcComponent() for message in decode_all(line.written)} == {192}
+    assert {message.get_srcComponent() for message in decode_all(line.written)} == {
+        dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
+    }
 
 
 def test_one_fix_a_second_is_the_default(line):
@@ -191,15 +202,20 @@ def test_one_fix_a_second_is_the_default(line):
         with pytest.raises(ValueError, match=problem):
             MavlinkPositionOptions(**options)
     Rig(line)
-    assert requested(line.written) == [(24, 1_000_000), (2, 1_000_000)]
+    assert requested(line.written) == [(Message.GPS_RAW_INT, 1_000_000), (Message.SYSTEM_TIME, 1_000_000)]
 
 
 def test_groups_of_an_older_board(line):
-    """Groups of ArduPilot: extended status (GPS_RAW_INT), extra 3 (SYSTEM_TIME), position (GLOBAL_POSITION_INT)."""
     rig = Rig(line, solution="estimator")
-    rig.fixes(0.5, dialect.MAVLink_command_ack_message(511, 3))
+    rig.fixes(
+        0.5, dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_RESULT_UNSUPPORTED)
+    )
     rig.fixes(1.0)
-    assert requested_groups(line.written) == [2, 12, 6]
+    assert requested_groups(line.written) == [
+        dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
+        dialect.MAV_DATA_STREAM_EXTRA3,
+        dialect.MAV_DATA_STREAM_POSITION,
+    ]
 
 
 def test_silent_board(rig):

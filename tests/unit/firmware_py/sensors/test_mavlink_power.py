@@ -4,10 +4,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_py.common.records import DeviceState
+from firmware_py.sensors.mavlink_frames import Message
 from firmware_py.sensors.mavlink_power import MavlinkPower, MavlinkPowerOptions
 from support.flight_controller import Board, decode_all, requested, requested_groups
 
 NO_CELL = 0xFFFF
+# Cells in mV, currents in 0.01 A, remaining charge in percent, temperature in 0.01 deg C.
 
 
 def battery(number=0, *, cells=(12_800,), current=120, remaining=77, temperature=2150, more=(0, 0, 0, 0)):
@@ -107,8 +109,10 @@ def test_impossible_values_are_rejected(rig, values):
 
 
 def test_requested_messages_and_silence(rig):
-    assert requested(rig.line.written) == [(147, 1_000_000), (1, 1_000_000)]
-    assert {message.get_srcComponent() for message in decode_all(rig.line.written)} == {193}
+    assert requested(rig.line.written) == [(Message.BATTERY_STATUS, 1_000_000), (Message.SYS_STATUS, 1_000_000)]
+    assert {message.get_srcComponent() for message in decode_all(rig.line.written)} == {
+        dialect.MAV_COMP_ID_ONBOARD_COMPUTER3
+    }
     assert rig.power.health(0.1).text == "connected, no battery yet"
     rig.samples(1.0, battery())
     assert rig.power.health(6.0).state is DeviceState.RUNNING
@@ -116,7 +120,11 @@ def test_requested_messages_and_silence(rig):
 
 
 def test_groups_of_an_older_board(rig):
-    """Groups of ArduPilot: extra 3 (BATTERY_STATUS), extended status (SYS_STATUS)."""
-    rig.samples(0.5, dialect.MAVLink_command_ack_message(511, 3))
+    rig.samples(
+        0.5, dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_RESULT_UNSUPPORTED)
+    )
     rig.samples(1.0)
-    assert requested_groups(rig.line.written) == [12, 2]
+    assert requested_groups(rig.line.written) == [
+        dialect.MAV_DATA_STREAM_EXTRA3,
+        dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
+    ]

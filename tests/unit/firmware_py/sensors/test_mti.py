@@ -14,6 +14,9 @@ from hil.devices.mti import MtiEmulator
 DATA_TIMEOUT_S = 1.0
 REPLY_TIMEOUT_S = 0.5
 WAKE_UP_S = 0.05
+# Message ids, and data identifiers.
+MT_DATA2, ERROR, OUTPUT_ACK, DEVICE_ID = 0x36, 0x42, 0xC1, 0x01
+STATUS_WORD, EULER_NED, EULER_ENU, RATE_OF_TURN = 0xE020, 0x2034, 0x2030, 0x8020
 
 GO_TO_CONFIG, ASK_OUTPUT, GO_TO_MEASUREMENT, WAKE_UP_ACK = (
     bytes.fromhex(text) for text in ("FAFF3000D1", "FAFFC00041", "FAFF1000F1", "FAFF3F00C2")
@@ -28,20 +31,20 @@ def message(message_id, data=b""):
 
 
 def output(hexadecimal=""):
-    return message(0xC1, bytes.fromhex(hexadecimal))
+    return message(OUTPUT_ACK, bytes.fromhex(hexadecimal))
 
 
-SET_OUTPUT, OUTPUT_REQUIRED = message(0xC0, REQUIRED), message(0xC1, REQUIRED)
+SET_OUTPUT, OUTPUT_REQUIRED = message(0xC0, REQUIRED), message(OUTPUT_ACK, REQUIRED)
 IN_CONFIG, MEASURING, WAKE_UP = message(0x31), message(0x11), message(0x3E)
 
 
-def data(heading_deg=98.5, *, status=3, identifier=0x2034, pitch_deg=1.5, roll_deg=177.5):
+def data(heading_deg=98.5, *, status=3, identifier=EULER_NED, pitch_deg=1.5, roll_deg=177.5):
     yaw_deg = heading_deg - 360.0 if heading_deg > 180.0 else heading_deg
     return message(
-        0x36,
-        struct.pack(">HBI", 0xE020, 4, status)
+        MT_DATA2,
+        struct.pack(">HBI", STATUS_WORD, 4, status)
         + struct.pack(">HB3f", identifier, 12, roll_deg, pitch_deg, yaw_deg)
-        + struct.pack(">HB3f", 0x8020, 12, 0.0, 0.0, -0.25),
+        + struct.pack(">HB3f", RATE_OF_TURN, 12, 0.0, 0.0, -0.25),
     )
 
 
@@ -90,7 +93,7 @@ TRANSCRIPTS = {
     ],
     "unexpected acknowledgements have no effect": [
         (0.0, (), [GO_TO_CONFIG]),
-        (0.1, (MEASURING, OUTPUT_REQUIRED, message(0x01, bytes(4))), []),
+        (0.1, (MEASURING, OUTPUT_REQUIRED, message(DEVICE_ID, bytes(4))), []),
         (0.2, (IN_CONFIG, IN_CONFIG, IN_CONFIG), [ASK_OUTPUT]),
     ],
     "acknowledgements while measuring have no effect": [
@@ -106,7 +109,7 @@ TRANSCRIPTS = {
     "a wake-up restarts the set-up": [*SET_UP, (0.5, (WAKE_UP,), [WAKE_UP_ACK]), (0.5 + WAKE_UP_S, (), [GO_TO_CONFIG])],
     "an error during the set-up restarts it after a pause": [
         (0.0, (), [GO_TO_CONFIG]),
-        (0.1, (message(0x42, b"\x21"),), []),
+        (0.1, (message(ERROR, b"\x21"),), []),  # invalid parameter
         (0.5, (IN_CONFIG,), []),
         (0.1 + DATA_TIMEOUT_S - 0.01, (), []),
         (0.1 + DATA_TIMEOUT_S, (), [GO_TO_CONFIG]),
@@ -138,7 +141,7 @@ def set_up(exchange):
     [
         ([b"\x80\x10"], "data not understood: wrong baud rate?"),
         ([IN_CONFIG], "connected, no heading yet"),
-        ([IN_CONFIG, message(0x42, b"\x21")], "device error 33: parameter invalid"),
+        ([IN_CONFIG, message(ERROR, b"\x21")], "device error 33: parameter invalid"),
         ([IN_CONFIG, output(), output("E020FFFF80200064")], "gives no Euler angles and status: no AHRS model?"),
     ],
 )
@@ -203,9 +206,9 @@ def test_invalid_orientation_gives_no_heading_and_no_new_set_up(exchange, compas
 
 
 def test_data_without_angles_or_status_give_no_heading(deliver, compass, set_up):
-    assert deliver(compass, message(0x36, struct.pack(">HBI", 0xE020, 4, 3))) == ()
+    assert deliver(compass, message(MT_DATA2, struct.pack(">HBI", STATUS_WORD, 4, 3))) == ()
     assert compass.health(1.0).accepted == 0
-    assert deliver(compass, message(0x36, struct.pack(">HB3f", 0x2034, 12, 0.0, 0.0, 90.0))) == ()
+    assert deliver(compass, message(MT_DATA2, struct.pack(">HB3f", EULER_NED, 12, 0.0, 0.0, 90.0))) == ()
     assert compass.health(1.0).text == "data without status"
     assert len(deliver(compass, data())) == 1
     assert compass.health(1.0).text == ""
@@ -220,12 +223,12 @@ def test_reported_fault_is_faulty_and_keeps_the_heading(deliver, compass, set_up
 
 def test_other_frame_than_ned_gives_no_heading(deliver, compass, set_up):
     for tenth in range(30):
-        assert deliver(compass, data(identifier=0x2030), now_s=tenth / 10) == ()
+        assert deliver(compass, data(identifier=EULER_ENU), now_s=tenth / 10) == ()
     assert compass.health(3.0).text == "Euler angles in ENU, not in NED"
 
 
 def test_error_while_measuring_is_only_reported(exchange, compass, set_up):
-    assert exchange(0.5, message(0x42, b"\x29"), data()) == []
+    assert exchange(0.5, message(ERROR, b"\x29"), data()) == []
     assert compass.health(0.5).text == "device error 41: more data than the baud rate allows"
     assert len(compass.poll()) == 1
 
@@ -248,7 +251,7 @@ def test_invalid_rates_are_rejected(rate_hz):
 def test_low_rate_has_longer_timeouts(line, deliver):
     assert MtiOptions(rate_hz=100).rate_hz == 100  # the highest rate
     compass = MtiCompass(line, MtiOptions(rate_hz=1))
-    slow = message(0xC1, bytes.fromhex("E020FFFF203400018020000108100001"))
+    slow = message(OUTPUT_ACK, bytes.fromhex("E020FFFF203400018020000108100001"))
     for packet in (b"", IN_CONFIG, slow, MEASURING, data()):
         deliver(compass, packet, now_s=1.0)
     assert line.written == [GO_TO_CONFIG, ASK_OUTPUT, GO_TO_MEASUREMENT]

@@ -36,9 +36,9 @@ def test_commands_are_those_of_the_manual(message, frame):
 
 
 def test_command_longer_than_the_short_form_is_rejected():
-    assert len(xbus.encode(0xC0, bytes(254))) == 259
+    assert len(xbus.encode(Message.OUTPUT_CONFIGURATION, bytes(254))) == 259
     with pytest.raises(ValueError, match="254"):
-        xbus.encode(0xC0, bytes(255))
+        xbus.encode(Message.OUTPUT_CONFIGURATION, bytes(255))
 
 
 def test_message_is_complete_with_its_last_byte():

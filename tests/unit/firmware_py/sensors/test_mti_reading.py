@@ -6,10 +6,12 @@ import struct
 import pytest
 
 from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError
-from firmware_py.sensors.mti_protocol import Frame, encode
+from firmware_py.sensors.mti_protocol import Frame, Message, encode
 from firmware_py.sensors.mti_reading import CAPTURE_FORMAT, read_data, status_fault_text
 
 GOOD = 0x03  # self-test passed, filter valid
+# Data identifiers: Euler angles in NED, ENU and NWU as floats, rate of turn, temperature, status word.
+EULER_NED, EULER_ENU, EULER_NWU, RATE_OF_TURN, TEMPERATURE, STATUS_WORD = 0x2034, 0x2030, 0x2038, 0x8020, 0x0810, 0xE020
 
 
 def item(identifier, value):
@@ -20,16 +22,16 @@ def floats(*values):
     return struct.pack(f">{len(values)}f", *values)
 
 
-def euler(roll, pitch, yaw, identifier=0x2034):
+def euler(roll, pitch, yaw, identifier=EULER_NED):
     return item(identifier, floats(roll, pitch, yaw))
 
 
 def status(word):
-    return item(0xE020, word.to_bytes(4, "big"))
+    return item(STATUS_WORD, word.to_bytes(4, "big"))
 
 
 def test_yaw_in_ned_is_the_heading():
-    reading = read_data(status(GOOD) + euler(-178.0, 1.5, -90.5) + item(0x0810, floats(18.5)))
+    reading = read_data(status(GOOD) + euler(-178.0, 1.5, -90.5) + item(TEMPERATURE, floats(18.5)))
     assert (reading.heading_magnetic_deg, reading.pitch_deg, reading.temperature_c) == (269.5, 1.5, 18.5)
     assert reading.roll_deg == 2.0  # the label is up
     assert (reading.yaw_rate_deg_s, reading.is_valid, reading.fault) == (None, True, "")
@@ -54,7 +56,7 @@ def test_roll_of_the_boat_does_not_depend_on_the_mounting(device, boat):
     assert read_data(euler(device, 0.0, 0.0)).roll_deg == boat
 
 
-@pytest.mark.parametrize(("identifier", "frame"), [(0x2030, Frame.ENU), (0x2038, Frame.NWU)])
+@pytest.mark.parametrize(("identifier", "frame"), [(EULER_ENU, Frame.ENU), (EULER_NWU, Frame.NWU)])
 def test_other_frames_give_no_heading(identifier, frame):
     reading = read_data(status(GOOD) + euler(1.0, 2.0, 3.0, identifier))
     assert (reading.frame, reading.heading_magnetic_deg, reading.roll_deg) == (frame, None, None)
@@ -75,30 +77,32 @@ def test_unknown_frame_is_malformed():
     ],
 )
 def test_precisions(precision, value):
-    reading = read_data(item(0x2034 | precision, value))
+    reading = read_data(item(EULER_NED | precision, value))
     assert (reading.roll_deg, reading.pitch_deg, reading.heading_magnetic_deg) == (2.0, 1.5, 98.25)
 
 
 def test_small_negative_fixed_point_rate():
     # -0.25 has the integer part -1 and the fraction 0.75.
-    reading = read_data(euler(0.0, 0.0, 0.0) + item(0x8022, bytes.fromhex("000000000000 000000000000 C0000000FFFF")))
+    reading = read_data(
+        euler(0.0, 0.0, 0.0) + item(RATE_OF_TURN | 2, bytes.fromhex("000000000000 000000000000 C0000000FFFF"))
+    )
     assert reading.yaw_rate_deg_s == pytest.approx(math.degrees(-0.25))
 
 
 @pytest.mark.parametrize(("roll", "gyroscope"), [(0.0, 0.1), (180.0, -0.1), (-180.0, -0.1)])
 def test_turn_to_starboard_is_positive_for_both_mountings(roll, gyroscope):
-    reading = read_data(euler(roll, 0.0, 10.0) + item(0x8020, floats(0.0, 0.0, gyroscope)))
+    reading = read_data(euler(roll, 0.0, 10.0) + item(RATE_OF_TURN, floats(0.0, 0.0, gyroscope)))
     assert reading.yaw_rate_deg_s == pytest.approx(math.degrees(0.1))
 
 
 def test_yaw_rate_of_a_heeled_device_is_about_the_vertical():
     y_and_z = 0.1 * math.sin(math.radians(30.0)), 0.1 * math.cos(math.radians(30.0))
-    reading = read_data(euler(30.0, 0.0, 10.0) + item(0x8020, floats(0.0, *y_and_z)))
+    reading = read_data(euler(30.0, 0.0, 10.0) + item(RATE_OF_TURN, floats(0.0, *y_and_z)))
     assert reading.yaw_rate_deg_s == pytest.approx(math.degrees(0.1))
 
 
 def test_no_yaw_rate_near_vertical_or_with_a_clipped_gyroscope():
-    turn = item(0x8020, floats(0.0, 0.0, 0.1))
+    turn = item(RATE_OF_TURN, floats(0.0, 0.0, 0.1))
     assert read_data(euler(0.0, 81.0, 0.0) + turn).yaw_rate_deg_s is None
     assert read_data(status(GOOD | 1 << 13) + euler(0.0, 0.0, 0.0) + turn).yaw_rate_deg_s is None
     assert read_data(status(GOOD | 1 << 16) + euler(0.0, 0.0, 0.0) + turn).yaw_rate_deg_s is not None
@@ -132,11 +136,11 @@ def test_orientation_is_valid_only_if_the_status_says_so():
         (euler(0.0, -90.1, 0.0), RANGE),
         (euler(0.0, 0.0, math.nan), RANGE),
         (euler(0.0, 0.0, math.inf), RANGE),
-        (item(0x8020, floats(0.0, 41.0, 0.0)), RANGE),
-        (item(0x0810, floats(-101.0)), RANGE),
-        (item(0x2034, floats(0.0, 0.0)), MALFORMED),
-        (item(0x2037, floats(0.0, 0.0, 0.0)), MALFORMED),  # floats with the identifier of doubles
-        (item(0xE020, b"\0\0\3"), MALFORMED),
+        (item(RATE_OF_TURN, floats(0.0, 41.0, 0.0)), RANGE),
+        (item(TEMPERATURE, floats(-101.0)), RANGE),
+        (item(EULER_NED, floats(0.0, 0.0)), MALFORMED),
+        (item(EULER_NED | 3, floats(0.0, 0.0, 0.0)), MALFORMED),  # floats with the identifier of doubles
+        (item(STATUS_WORD, b"\0\0\3"), MALFORMED),
     ],
 )
 def test_invalid_values_are_rejected(data, error):
@@ -152,8 +156,11 @@ def test_unknown_items_are_ignored():
 
 def test_decoded_capture():
     values = status(0x02) + euler(178.0, 1.5, -90.0)
-    enu = status(0x02) + euler(0.0, 0.0, 0.0, 0x2030)
-    sent = ((0x3E, b""), (0x36, values), (0x36, enu), (0x42, b"\x21"), (0x36, b"\xe0\x20\x04"))
+    enu = status(0x02) + euler(0.0, 0.0, 0.0, EULER_ENU)
+    sent = (
+        (Message.WAKE_UP, b""), (Message.MT_DATA2, values), (Message.MT_DATA2, enu), (Message.ERROR, b"\x21"),
+        (Message.MT_DATA2, b"\xe0\x20\x04"),
+    )  # fmt: skip
     capture = b"".join(encode(message, data) for message, data in sent)
     assert list(CAPTURE_FORMAT.decode(capture + b"junk")) == [
         {"line": 1, "offset": 0, "type": "other", "message": "WAKE_UP"},
@@ -168,14 +175,14 @@ def test_decoded_capture():
 
 
 def test_other_message_is_not_decoded():
-    (result,) = CAPTURE_FORMAT.decode(encode(0x01, b"\1\2\3\4"))
+    (result,) = CAPTURE_FORMAT.decode(encode(Message.DEVICE_ID, b"\1\2\3\4"))
     assert result == {"line": 1, "offset": 0, "type": "other", "message": "DEVICE_ID"}
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("rate_rad_s", "is_valid"), [(40.0, True), (40.5, False)])
 def test_rate_beyond_the_range_of_a_gyroscope_is_rejected(rate_rad_s, is_valid, sign):
-    data = euler(0.0, 0.0, 10.0) + item(0x8020, floats(0.0, 0.0, sign * rate_rad_s))
+    data = euler(0.0, 0.0, 10.0) + item(RATE_OF_TURN, floats(0.0, 0.0, sign * rate_rad_s))
     if is_valid:
         assert read_data(data).yaw_rate_deg_s == pytest.approx(sign * math.degrees(rate_rad_s))
     else:
@@ -187,7 +194,7 @@ def test_rate_beyond_the_range_of_a_gyroscope_is_rejected(rate_rad_s, is_valid, 
     ("temperature_c", "is_valid"), [(-100.0, True), (-101.0, False), (150.0, True), (151.0, False)]
 )
 def test_impossible_temperature_is_rejected(temperature_c, is_valid):
-    data = item(0x0810, floats(temperature_c))
+    data = item(TEMPERATURE, floats(temperature_c))
     if is_valid:
         assert read_data(data).temperature_c == temperature_c
     else:
@@ -211,5 +218,5 @@ def test_impossible_angle_is_rejected(angles, is_valid):
 
 @pytest.mark.parametrize(("pitch_deg", "is_known"), [(80.0, True), (81.0, False), (-80.0, True), (-81.0, False)])
 def test_yaw_rate_of_a_device_that_is_nearly_vertical_is_unknown(pitch_deg, is_known):
-    data = euler(0.0, pitch_deg, 10.0) + item(0x8020, floats(0.0, 0.0, 0.5))
+    data = euler(0.0, pitch_deg, 10.0) + item(RATE_OF_TURN, floats(0.0, 0.0, 0.5))
     assert (read_data(data).yaw_rate_deg_s is not None) is is_known

@@ -117,6 +117,7 @@ def test_static_data_of_class_b_are_merged(deliver, ais):
     assert deliver(ais, message(129810, craft))[0].dimensions_m is None
 
 
+# Sent on channel A or B, or own information that is not sent.
 @pytest.mark.parametrize("transceiver", [2, 3, 4])
 def test_boat_itself_is_no_vessel_and_gives_its_mmsi(deliver, ais, transceiver):
     assert deliver(ais, class_a(transceiver=transceiver)) == ()

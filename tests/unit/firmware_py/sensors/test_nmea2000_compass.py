@@ -12,6 +12,7 @@ from hil.devices import nmea2000_frames as n2k
 from support.line import FakeLine
 
 START = bytes.fromhex("1002A10311020049" + "1003")
+ADDRESS_CLAIM = 60928
 
 
 @pytest.fixture
@@ -265,6 +266,6 @@ def test_damaged_and_short_messages_are_counted(deliver, compass):
 
 def test_address_claim_moves_the_source(deliver, compass):
     name = n2k.to_bytes(n2k.unsigned(5, 21) + n2k.unsigned(1851, 11))
-    deliver(compass, n2k.actisense_message(60928, 0x23, name), heading(10.0), now_s=1.0)
-    moved = n2k.actisense_message(60928, 0x31, name), heading(12.0, source=0x31), heading(80.0)
+    deliver(compass, n2k.actisense_message(ADDRESS_CLAIM, 0x23, name), heading(10.0), now_s=1.0)
+    moved = n2k.actisense_message(ADDRESS_CLAIM, 0x31, name), heading(12.0, source=0x31), heading(80.0)
     assert degrees(deliver(compass, *moved, now_s=1.1)) == [12.0]

@@ -14,7 +14,8 @@ from firmware_py.sensors.nmea2000_gateways import (
 from hil.devices import nmea2000_frames as n2k
 from support.paths import DATA
 
-PGNS = (60928, 127250, 129029)
+ADDRESS_CLAIM = 60928
+PGNS = (ADDRESS_CLAIM, 127250, 129029)
 HEADING = bytes.fromhex("00163AFF7FFF7FFD")
 DLE_DATA = b"\x10\x10\x02\x93\x10\x03\x10\x10"
 GNSS = n2k.gnss_position(50.0, -3.0, 1.6e9)
@@ -25,7 +26,7 @@ def can_frame(identifier, data, flags=0x80000000):
 
 
 def joiner():
-    return FrameJoiner({60928, 127250}, {129029})
+    return FrameJoiner({ADDRESS_CLAIM, 127250}, {129029})
 
 
 def test_start_command_is_for_the_gateway():
@@ -125,13 +126,17 @@ def test_incomplete_actisense_frame_has_a_limited_length():
 def test_lines_of_yacht_devices(size):
     gateway = YachtDevicesGateway(joiner(), PGNS)
     stream = b"noise\r\n" + n2k.raw_line(127251, 0x13, HEADING) + n2k.raw_line(127250, 0x13, HEADING, priority=7)
-    stream += n2k.raw_line(60928, 0x13, HEADING) + n2k.raw_line(127250, 0x13, HEADING, direction="T")
+    stream += n2k.raw_line(ADDRESS_CLAIM, 0x13, HEADING) + n2k.raw_line(127250, 0x13, HEADING, direction="T")
     for frame in n2k.frames(GNSS, 5):
         stream += n2k.raw_line(129029, 0x10, frame)
     messages = [
         message for start in range(0, len(stream), size) for message in gateway.feed(stream[start : start + size], 0.0)
     ]
-    assert messages == [Message(127250, 0x13, HEADING), Message(60928, 0x13, HEADING), Message(129029, 0x10, GNSS)]
+    assert messages == [
+        Message(127250, 0x13, HEADING),
+        Message(ADDRESS_CLAIM, 0x13, HEADING),
+        Message(129029, 0x10, GNSS),
+    ]
     assert (gateway.rejected, gateway.has_frames) == (0, True)
 
 

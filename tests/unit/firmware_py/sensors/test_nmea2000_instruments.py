@@ -142,7 +142,8 @@ def test_wind_and_its_reference(deliver, make, reference):
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "angle_deg", "reference"), [(None, 1.0, 2), (1.0, None, 2), (1.0, 1.0, 5), (1.0, 1.0, 7)]
+    ("speed_m_s", "angle_deg", "reference"),
+    [(None, 1.0, APPARENT), (1.0, None, APPARENT), (1.0, 1.0, 5), (1.0, 1.0, 7)],
 )
 def test_wind_that_is_not_available(deliver, make, speed_m_s, angle_deg, reference):
     sensor = make("wind")

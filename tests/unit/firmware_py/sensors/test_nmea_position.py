@@ -58,7 +58,13 @@ def test_sentences_of_an_epoch_are_merged(epoch_sample, near):
     assert near(sample.longitude_rad, -(2 + 14.42462 / 60))
     assert near(sample.course_over_ground_rad, 90.0)
     assert sample.speed_over_ground_m_s == pytest.approx(2 * 1852 / 3600)
-    assert (sample.t_s, sample.fix, sample.satellites, sample.hdop, sample.altitude_m) == (1.0, 3, 6, 5.88, 56.0)
+    assert (sample.t_s, sample.fix, sample.satellites, sample.hdop, sample.altitude_m) == (
+        1.0,
+        FixType.FIX_3D,
+        6,
+        5.88,
+        56.0,
+    )
     assert sample.utc_s == utc(2021, 3, 6, 10, 36, 7)
 
 

@@ -1,3 +1,5 @@
+"""Preference among messages that repeat one measurement."""
+
 from firmware_py.sensors.nmea_preference import Preference
 
 

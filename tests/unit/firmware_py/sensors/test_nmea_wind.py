@@ -99,7 +99,12 @@ def references(samples):
 
 def test_apparent_wind_is_preferred_then_that_from_north(deliver, sensor):
     # The first burst is used as a whole, because nothing better has arrived yet.
-    assert references(deliver(sensor, MAGNETIC, BOW, NORTH, APPARENT, now_s=1.0)) == [1, 3, 0, 2]
+    assert references(deliver(sensor, MAGNETIC, BOW, NORTH, APPARENT, now_s=1.0)) == [
+        WindReference.MAGNETIC,
+        WindReference.BOW,
+        WindReference.NORTH,
+        WindReference.APPARENT,
+    ]
     assert references(deliver(sensor, APPARENT, NORTH, BOW, MAGNETIC, now_s=2.0)) == [WindReference.APPARENT]
     assert references(deliver(sensor, NORTH, BOW, MAGNETIC, now_s=7.0)) == []
     assert references(deliver(sensor, NORTH, BOW, MAGNETIC, now_s=7.1)) == [WindReference.NORTH]

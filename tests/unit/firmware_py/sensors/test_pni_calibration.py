@@ -15,6 +15,9 @@ from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
 POINT_COUNT = 12
+# Frame ids.
+SET_CONFIG, SAVE, START_CAL, STOP, POWER_UP = 6, 9, 10, 22, 23
+COUNT, SCORE, SAVED = 17, 18, 16
 
 NONE, RUNNING, DONE, FAILED = CalibrationState
 
@@ -105,7 +108,7 @@ def test_reopened_port_ends_the_calibration(turntable):
 
 
 def test_report_of_a_power_up_ends_the_calibration(turntable, pni):
-    turntable.line.inbox += pni(23)
+    turntable.line.inbox += pni(POWER_UP)
     turntable.run(0.1)
     assert turntable.compass.calibration().percent == 0
     turntable.assert_ended(FAILED, "the compass lost power")
@@ -117,9 +120,6 @@ def test_power_cut_without_a_report_ends_the_calibration(turntable):
     turntable.line.inbox += bytes.fromhex("000517") + b"\x9b\x23"  # a damaged power-up frame
     turntable.run(610.0)
     turntable.assert_ended(FAILED, "")
-
-
-COUNT, SCORE, SAVED = 17, 18, 16
 
 
 def counted(points):
@@ -136,8 +136,9 @@ def test_commands_are_sent_every_200_ms(pni):
         if (frame := calibration.next_frame(now_s)) is not None:
             sent[now_s] = frame
             calibration.note_sent(now_s)
-    stop, points, automatic = pni(22), pni(6, bytes([12, 0, 0, 0, 12])), pni(6, bytes([13, 1]))
-    assert sent == {1.0: stop, 1.21: points, 1.42: automatic, 1.63: pni(10, bytes([0, 0, 0, 20]))}
+    stop = pni(STOP)
+    points, automatic = pni(SET_CONFIG, bytes([12, 0, 0, 0, 12])), pni(SET_CONFIG, bytes([13, 1]))
+    assert sent == {1.0: stop, 1.21: points, 1.42: automatic, 1.63: pni(START_CAL, bytes([0, 0, 0, 20]))}
 
 
 @pytest.mark.parametrize(
@@ -158,7 +159,7 @@ def test_each_stage_has_a_time_limit(pni, frames, end_s, percent, points):
     for now_s, *frame in frames:
         calibration.handle_frame(*frame, now_s)
     is_scored = percent == 99
-    assert calibration.next_frame(end_s) == (pni(9) if is_scored else pni(22))
+    assert calibration.next_frame(end_s) == (pni(SAVE) if is_scored else pni(STOP))
     assert (calibration.report.state, calibration.report.percent) == (RUNNING, percent)
     calibration.next_frame(end_s + 0.1)
     assert (calibration.report.state, calibration.report.percent) == (FAILED, 100)
@@ -188,7 +189,7 @@ def test_result_is_that_of_the_score_and_of_saving(frames, state, text):
 
 
 FRAMES = st.tuples(
-    st.sampled_from([16, 17, 18]),
+    st.sampled_from([SAVED, COUNT, SCORE]),
     st.binary(max_size=30) | st.floats(width=32).map(lambda score: struct.pack(">6f", score, 0, 0, 0, 0, 0)),
 )
 
@@ -200,7 +201,7 @@ def test_only_a_good_score_is_saved_after_any_frames(frames):
     for step, (frame_id, payload) in enumerate(frames):
         is_running = calibration.report.state is RUNNING
         calibration.handle_frame(frame_id, payload, 1.0 + step)
-        if is_running and frame_id == 18 and len(payload) == 24:
+        if is_running and frame_id == SCORE and len(payload) == 24:
             has_good_score = has_good_score or 0.0 <= struct.unpack_from(">f", payload)[0] <= 2.0
         assert 0 <= calibration.report.percent <= 100
         assert has_good_score or calibration.report.state is not DONE

@@ -36,6 +36,7 @@ def test_frames_of_the_recordings_are_valid(recordings):
 
 
 def test_data_with_all_components():
+    # Component ids; one more, the quaternion 77, is skipped.
     floats = (5, 7, 21, 22, 23, 24, 25, 27, 28, 29, 74, 75, 76)
     payload = bytes([len(floats) + 4]) + b"".join(struct.pack(">Bf", number, 0.5 * number) for number in floats)
     payload += bytes([77, *range(16), 79, 2, 8, 1, 9, 0])

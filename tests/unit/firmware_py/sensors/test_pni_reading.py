@@ -6,6 +6,7 @@ import pytest
 
 from firmware_py.sensors import pni_protocol
 from firmware_py.sensors.message_error import MessageError
+from firmware_py.sensors.pni_protocol import Frame
 from firmware_py.sensors.pni_reading import CAPTURE_FORMAT, read_data
 
 
@@ -51,11 +52,11 @@ def test_malformed_data_is_rejected():
 
 def test_decoded_capture(pni, pni_heading):
     capture = (
-        pni(2, b"TCM \x1f~\x7f8")
+        pni(Frame.MODULE_INFO, b"TCM \x1f~\x7f8")
         + pni_heading(98.5)
         + b"junk"
         + pni_heading(math.nan)
-        + pni(19)
+        + pni(Frame.SET_CONFIG_DONE)
         + pni_heading(1.0)[:-1]
     )
     assert list(CAPTURE_FORMAT.decode(capture)) == [

@@ -15,7 +15,9 @@ from hil.devices.pni_tcm import PniTcmEmulator
 COMMAND_INTERVAL_S = 0.05
 DATA_TIMEOUT_S = 1.0
 
-DATA, CONFIG_DONE, POWER_UP, ACQUISITION_DONE = 5, 19, 23, 26
+# Frame ids.
+MODULE_INFO, DATA, CONFIG_DONE, POWER_UP, ACQUISITION_DONE = 2, 5, 19, 23, 26
+STOP, START, COMPONENTS, CONFIG, ACQUISITION, STOP_CAL = 22, 21, 3, 6, 24, 11
 
 
 def frame_ids(frames):
@@ -39,11 +41,11 @@ def set_up_s(compass):
 
 def test_set_up_is_that_of_the_manual(line, pni, set_up_s):
     assert line.written == [
-        pni(22),  # stop sending
-        pni(6, bytes([6, 1])),  # big endian
-        pni(6, bytes([2, 0])),  # magnetic north
-        pni(6, bytes([15, 0])),  # degrees
-        pni(3, bytes([5, 5, 24, 25, 8, 7])),
+        pni(STOP),  # stop sending
+        pni(CONFIG, bytes([6, 1])),  # big endian
+        pni(CONFIG, bytes([2, 0])),  # magnetic north
+        pni(CONFIG, bytes([15, 0])),  # degrees
+        pni(COMPONENTS, bytes([5, 5, 24, 25, 8, 7])),  # 5 components
         bytes.fromhex("000F180000000000003DCCCCCDF971"),  # send every 0.1 s
         bytes.fromhex("000515BD61"),
     ]
@@ -58,20 +60,20 @@ def test_set_up_without_replies_is_repeated_with_both_push_modes(line, compass):
     assert all(later - earlier >= COMMAND_INTERVAL_S - 1e-9 for earlier, later in itertools.pairwise(times))
     rounds = 30 / (6 * COMMAND_INTERVAL_S + DATA_TIMEOUT_S)
     assert rounds - 2 <= len(times) / 7 <= rounds + 1
-    assert frame_ids(line.written[:14]) == [22, 6, 6, 6, 3, 24, 21] * 2
-    assert [frame[3] for frame in line.written if frame[2] == 24][:4] == [0, 1, 0, 1]
+    assert frame_ids(line.written[:14]) == [STOP, CONFIG, CONFIG, CONFIG, COMPONENTS, ACQUISITION, START] * 2
+    assert [frame[3] for frame in line.written if frame[2] == ACQUISITION][:4] == [0, 1, 0, 1]
 
 
 def test_confirmation_is_followed_by_the_next_command_at_once(line, deliver, compass, pni):
     compass.receive(0.0)
     compass.receive(COMMAND_INTERVAL_S)
     deliver(compass, pni(CONFIG_DONE), now_s=COMMAND_INTERVAL_S + 0.004)
-    assert frame_ids(line.written) == [22, 6, 6]
+    assert frame_ids(line.written) == [STOP, CONFIG, CONFIG]
     assert compass.health(COMMAND_INTERVAL_S).text == "connected, no heading yet"
     deliver(compass, pni(ACQUISITION_DONE) * 50, now_s=COMMAND_INTERVAL_S + 0.008)
-    assert frame_ids(line.written) == [22, 6, 6, 6]
-    deliver(compass, pni(2, b"TCM51208"), now_s=COMMAND_INTERVAL_S + 0.012)  # confirms nothing
-    assert frame_ids(line.written) == [22, 6, 6, 6]
+    assert frame_ids(line.written) == [STOP, CONFIG, CONFIG, CONFIG]
+    deliver(compass, pni(MODULE_INFO, b"TCM51208"), now_s=COMMAND_INTERVAL_S + 0.012)  # confirms nothing
+    assert frame_ids(line.written) == [STOP, CONFIG, CONFIG, CONFIG]
 
 
 def test_headings_are_magnetic(deliver, compass, pni_heading, set_up_s, near):
@@ -97,13 +99,13 @@ def test_module_is_set_up_again_after_silence_and_after_power_up(line, deliver, 
     compass.receive(set_up_s + DATA_TIMEOUT_S - 0.01)
     assert len(line.written) == 7
     compass.receive(set_up_s + DATA_TIMEOUT_S)
-    assert frame_ids(line.written[7:]) == [22]
+    assert frame_ids(line.written[7:]) == [STOP]
     deliver(compass, pni(POWER_UP), now_s=set_up_s + DATA_TIMEOUT_S + 0.01)
-    assert frame_ids(line.written[7:]) == [22, 22]
+    assert frame_ids(line.written[7:]) == [STOP, STOP]
     assert compass.calibration().state is CalibrationState.NONE
     for step in range(400):  # in the mode that gave headings
         compass.receive(set_up_s + 2.0 + step / 100)
-    assert [frame[3] for frame in line.written if frame[2] == 24] == [0] * 4
+    assert [frame[3] for frame in line.written if frame[2] == ACQUISITION] == [0] * 4
     assert compass.health(set_up_s + 3.0).state is DeviceState.SILENT
 
 
@@ -151,11 +153,11 @@ def test_reopened_port_is_set_up_at_once(line, deliver, compass, pni_heading, se
     assert compass.health(set_up_s).state is DeviceState.ABSENT
     line.plug()
     compass.receive(set_up_s + 0.2)
-    assert frame_ids(line.written[7:]) == [22]
+    assert frame_ids(line.written[7:]) == [STOP]
     assert compass.health(set_up_s).state is DeviceState.STARTING
     for step in range(400):  # without headings since then, the push modes are used in turn
         compass.receive(set_up_s + 0.2 + step / 100)
-    assert [frame[3] for frame in line.written if frame[2] == 24][:4] == [0, 0, 1, 0]
+    assert [frame[3] for frame in line.written if frame[2] == ACQUISITION][:4] == [0, 0, 1, 0]
 
 
 def test_set_up_begins_again_after_a_cancelled_calibration(line, compass):
@@ -165,7 +167,7 @@ def test_set_up_begins_again_after_a_cancelled_calibration(line, compass):
     assert compass.calibration().state is CalibrationState.RUNNING
     compass.cancel()
     compass.receive(0.2)
-    assert frame_ids(line.written) == [22, 6, 11, 22]
+    assert frame_ids(line.written) == [STOP, CONFIG, STOP_CAL, STOP]
 
 
 def test_command_is_repeated_after_a_blocked_line(line, compass):
@@ -175,7 +177,7 @@ def test_command_is_repeated_after_a_blocked_line(line, compass):
     compass.receive(COMMAND_INTERVAL_S / 2)
     assert line.written == []
     compass.receive(COMMAND_INTERVAL_S)
-    assert frame_ids(line.written) == [22]
+    assert frame_ids(line.written) == [STOP]
 
 
 def test_values_out_of_range_are_rejected_and_reported(deliver, compass, pni_heading, set_up_s):

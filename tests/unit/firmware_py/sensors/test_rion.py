@@ -11,7 +11,7 @@ from firmware_py.devices import decode
 from firmware_py.sensors.rion import RionCompass, RionOptions
 from hil.devices.rion import RionEmulator
 
-ASK_68, ASK_77 = bytes.fromhex("68 04 00 04 08"), bytes.fromhex("77 04 00 04 08")
+REQUEST_68, REQUEST_77 = bytes.fromhex("68 04 00 04 08"), bytes.fromhex("77 04 00 04 08")
 DECLINATION_68 = bytes.fromhex("68 04 00 07 0B")
 NO_DECLINATION = bytes.fromhex("68 06 00 87 00 00 8D")
 
@@ -67,9 +67,9 @@ def exchange(line):
 @pytest.fixture
 def ready(exchange, compass):
     """A compass that has received its first heading at 0.1 s."""
-    assert exchange(compass, 0.0) == [ASK_68]
+    assert exchange(compass, 0.0) == [REQUEST_68]
     assert exchange(compass, 0.02, angles()) == [DECLINATION_68]
-    assert exchange(compass, 0.04, NO_DECLINATION) == [ASK_68]
+    assert exchange(compass, 0.04, NO_DECLINATION) == [REQUEST_68]
     assert exchange(compass, 0.06, angles()) == []
     assert len(compass.poll()) == 1
     return compass
@@ -91,49 +91,49 @@ def test_angles_are_requested_at_the_rate(line, ready, exchange):
     times_s = []
     for millisecond in range(60, 1060):
         now_s = millisecond / 1000
-        if exchange(ready, now_s) == [ASK_68]:
+        if exchange(ready, now_s) == [REQUEST_68]:
             times_s.append(now_s)
             line.inbox += angles()
     assert len(times_s) == 10
     assert all(later - earlier == pytest.approx(0.1, abs=0.003) for earlier, later in itertools.pairwise(times_s))
 
 
-def test_missing_answer_is_requested_again_after_a_timeout(ready, exchange):
-    assert exchange(ready, 0.14) == [ASK_68]
-    assert [exchange(ready, now_s) for now_s in (0.2, 0.43, 0.45)] == [[], [], [ASK_68]]
+def test_request_without_a_reply_is_repeated_after_a_timeout(ready, exchange):
+    assert exchange(ready, 0.14) == [REQUEST_68]
+    assert [exchange(ready, now_s) for now_s in (0.2, 0.43, 0.45)] == [[], [], [REQUEST_68]]
 
 
 def test_identifier_is_that_of_the_compass(line, compass, exchange):
-    assert exchange(compass, 0.0) == [ASK_68]
-    assert exchange(compass, 0.31) == [ASK_77]
-    assert exchange(compass, 0.62) == [ASK_68]
-    assert exchange(compass, 0.93) == [ASK_77]
+    assert exchange(compass, 0.0) == [REQUEST_68]
+    assert exchange(compass, 0.31) == [REQUEST_77]
+    assert exchange(compass, 0.62) == [REQUEST_68]
+    assert exchange(compass, 0.93) == [REQUEST_77]
     assert exchange(compass, 0.95, angles(identifier=0x77)) == [bytes.fromhex("77 04 00 07 0B")]
-    assert exchange(compass, 1.0, frame("06 00 87 00 00", 0x77)) == [ASK_77]
+    assert exchange(compass, 1.0, frame("06 00 87 00 00", 0x77)) == [REQUEST_77]
     exchange(compass, 1.02, angles(identifier=0x77))
     assert len(compass.poll()) == 1
-    assert [exchange(compass, now_s) for now_s in (1.11, 1.42)] == [[ASK_77], [ASK_77]]
+    assert [exchange(compass, now_s) for now_s in (1.11, 1.42)] == [[REQUEST_77], [REQUEST_77]]
 
 
-def test_driver_listens_and_tries_both_identifiers_after_six_missing_answers(ready, exchange):
+def test_driver_listens_and_tries_both_identifiers_after_six_missing_replies(ready, exchange):
     requests = [request for step in range(230) for request in exchange(ready, 0.1 + step / 100)]
-    assert requests == [ASK_68] * 6
-    assert [exchange(ready, now_s) for now_s in (2.4, 2.5, 2.81)] == [[], [ASK_68], [ASK_77]]
+    assert requests == [REQUEST_68] * 6
+    assert [exchange(ready, now_s) for now_s in (2.4, 2.5, 2.81)] == [[], [REQUEST_68], [REQUEST_77]]
 
 
 @pytest.mark.parametrize(
-    ("options", "request_text", "answer"),
+    ("options", "request_text", "reply"),
     [
         ({"identifier": "77"}, "77 04 00 04 08", angles(identifier=0x77)),
         ({"identifier": "68", "address": 5}, "68 04 05 04 0D", angles(address="05")),
     ],
 )
-def test_frames_of_other_devices_are_not_used(line, exchange, options, request_text, answer):
+def test_frames_of_other_devices_are_not_used(line, exchange, options, request_text, reply):
     compass = listening(line, **options)
     assert exchange(compass, 0.0) == [bytes.fromhex(request_text)]
     assert exchange(compass, 0.31, angles(identifier=0x68, address="00")) == [bytes.fromhex(request_text)]
     assert compass.health(0.31).text == "compass 68 with address 0: not that of the vehicle file"
-    assert exchange(compass, 0.35, answer) != []  # the declination
+    assert exchange(compass, 0.35, reply) != []  # the declination
     assert (compass.health(0.35).state, compass.health(0.35).text) == (
         DeviceState.STARTING, "connected, no heading yet",
     )  # fmt: skip
@@ -150,8 +150,8 @@ def test_set_declination_makes_the_headings_true(compass, exchange, near):
     assert near(sample.heading_rad, 98.5)
 
 
-def test_late_answer_about_the_declination_is_used_and_sends_no_request(ready, exchange, near):
-    assert exchange(ready, 0.14) == [ASK_68]
+def test_late_reply_with_the_declination_is_used_and_sends_no_request(ready, exchange, near):
+    assert exchange(ready, 0.14) == [REQUEST_68]
     assert exchange(ready, 0.15, bytes.fromhex("68 06 00 87 02 08 97")) == []
     exchange(ready, 0.16, angles())
     assert near(ready.poll()[0].variation_rad, 20.8)
@@ -181,13 +181,13 @@ def test_impossible_declination_is_rejected(compass, exchange, digits, text):
     assert (compass.health(0.04).text if text else compass.health(0.04).rejected) == (text or 0)
 
 
-def test_compass_without_answer_to_the_declination_is_used_after_three_requests(line, compass, exchange):
+def test_compass_without_a_reply_about_its_declination_is_used_after_three_requests(line, compass, exchange):
     requests = []
     for step in range(200):
         now_s = step / 100
         new = exchange(compass, now_s)
         requests += new
-        line.inbox += angles() if ASK_68 in new else b""
+        line.inbox += angles() if REQUEST_68 in new else b""
     assert requests.count(DECLINATION_68) == 3
     assert len(compass.poll()) >= 8
 
@@ -200,9 +200,9 @@ def test_automatic_output_is_read_without_requests(line, compass, exchange):
     assert requests == [DECLINATION_68] * 3
     assert len(compass.poll()) == 19
     # The output ends: requests begin again after 1.5 s.
-    assert [exchange(compass, now_s) for now_s in (5.89, 5.91, 6.22)] == [[], [ASK_68], [ASK_68]]
+    assert [exchange(compass, now_s) for now_s in (5.89, 5.91, 6.22)] == [[], [REQUEST_68], [REQUEST_68]]
     assert exchange(compass, 6.25, angles()) == []
-    assert exchange(compass, 6.33) == [ASK_68]
+    assert exchange(compass, 6.33) == [REQUEST_68]
 
 
 def test_rare_automatic_output_is_read_without_requests_of_angles(line, compass, exchange):
@@ -213,7 +213,7 @@ def test_rare_automatic_output_is_read_without_requests_of_angles(line, compass,
     assert requests == [DECLINATION_68] * 3
 
 
-def test_compass_that_sends_by_itself_is_asked_for_its_declination_only(line, compass, exchange):
+def test_only_the_declination_is_requested_of_a_compass_with_automatic_output(line, compass, exchange):
     requests = []
     for step in range(200):
         line.inbox += angles() if step % 20 == 19 else b""
@@ -232,11 +232,11 @@ def test_output_that_begins_later_ends_the_requests(ready, exchange):
 
 def test_third_angle_without_a_request_within_two_and_a_half_seconds_shows_automatic_output(line, exchange, ready):
     def poll_for(start_s, seconds, *frames):
-        """Answer all requests from a time on, after the frames; return their number."""
+        """Reply to all requests from a time on, after the frames; return their number."""
         count = 0
         line.inbox += b"".join(frames)
         for step in range(round(seconds * 100)):
-            if exchange(ready, start_s + step / 100) == [ASK_68]:
+            if exchange(ready, start_s + step / 100) == [REQUEST_68]:
                 count += 1
                 line.inbox += angles()
         return count
@@ -248,12 +248,12 @@ def test_third_angle_without_a_request_within_two_and_a_half_seconds_shows_autom
     assert poll_for(5.8, 1.0, angles()) == 0
 
 
-def test_late_answers_do_not_stop_the_requests(ready, exchange):
-    assert exchange(ready, 0.14) == [ASK_68]
-    assert exchange(ready, 0.45) == [ASK_68]
+def test_late_replies_do_not_stop_the_requests(ready, exchange):
+    assert exchange(ready, 0.14) == [REQUEST_68]
+    assert exchange(ready, 0.45) == [REQUEST_68]
     assert exchange(ready, 0.46, angles()) == []
     assert exchange(ready, 0.47, angles()) == []
-    assert exchange(ready, 0.56) == [ASK_68]
+    assert exchange(ready, 0.56) == [REQUEST_68]
 
 
 @pytest.mark.parametrize(
@@ -323,12 +323,12 @@ def test_reopened_port_starts_again(line, ready, exchange):
     assert ready.health(0.3).state is DeviceState.ABSENT
     line.plug()
     assert exchange(ready, 5.0, angles()[6:]) == []
-    assert exchange(ready, 5.51) == [ASK_68]
+    assert exchange(ready, 5.51) == [REQUEST_68]
     assert ready.poll() == ()
     assert ready.health(5.0).state is DeviceState.STARTING
 
 
-def test_silent_compass_is_reported_and_its_power_may_return(ready, exchange):
+def test_silent_compass_is_reported_and_recovers_when_its_power_returns(ready, exchange):
     for step in range(1, 100):
         exchange(ready, step / 10)
     assert ready.health(10.0).state is DeviceState.SILENT
@@ -344,8 +344,8 @@ def test_silent_compass_is_reported_and_its_power_may_return(ready, exchange):
 @pytest.mark.parametrize(("rate_hz", "timeout_s"), [(0.5, 6.0), (20.0, 2.0)])
 def test_compass_is_silent_after_three_periods_and_at_least_two_seconds(line, exchange, rate_hz, timeout_s):
     compass = listening(line, rate_hz=rate_hz)
-    for now_s, answer in ((0.0, b""), (0.02, angles()), (0.04, NO_DECLINATION), (1.0, angles())):
-        exchange(compass, now_s, answer)
+    for now_s, reply in ((0.0, b""), (0.02, angles()), (0.04, NO_DECLINATION), (1.0, angles())):
+        exchange(compass, now_s, reply)
     states = [compass.health(1.0 + timeout_s + late_s).state for late_s in (-0.01, 0.01)]
     assert states == [DeviceState.RUNNING, DeviceState.SILENT]
 
@@ -354,7 +354,7 @@ def test_full_line_is_tried_again(line, ready, exchange):
     line.full = True
     assert exchange(ready, 0.2) == []
     line.full = False
-    assert exchange(ready, 0.51) == [ASK_68]
+    assert exchange(ready, 0.51) == [REQUEST_68]
 
 
 def test_vertical_boat_has_no_heading(line, exchange):

@@ -14,6 +14,8 @@ from hil.devices.witmotion import WitmotionEmulator
 READ_ALGORITHM, READ_RATE = bytes.fromhex("FF AA 27 24 00"), bytes.fromhex("FF AA 27 03 00")
 UNLOCK, SAVE = bytes.fromhex("FF AA 69 88 B5"), bytes.fromhex("FF AA 00 00 00")
 SET_20_HZ = bytes.fromhex("FF AA 03 07 00")
+# Types of packets.
+ACCELERATION, ANGULAR_RATE, ANGLE, MAGNETIC_FIELD, REGISTERS = 0x51, 0x52, 0x53, 0x54, 0x5F
 
 
 def packet(kind, *numbers):
@@ -22,17 +24,18 @@ def packet(kind, *numbers):
 
 
 def angle(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0):
-    return packet(0x53, *(round(value / 180.0 * 32768.0) for value in (roll_deg, pitch_deg, yaw_deg)), 0x46)
+    return packet(ANGLE, *(round(value / 180.0 * 32768.0) for value in (roll_deg, pitch_deg, yaw_deg)), 0x46)
 
 
-def answer(value, *others):
-    return packet(0x5F, value, *(*others, 0, 0, 0)[:3])
+def reply(value, *others):
+    """Return the reply to a read: the algorithm (0: nine axes, 1: six) or the code of the rate (6: 10 Hz, 7: 20 Hz)."""
+    return packet(REGISTERS, value, *(*others, 0, 0, 0)[:3])
 
 
-TEMPERATURE = packet(0x51, 0, 0, 2048, 2150)
-TURN = packet(0x52, 0, 0, -1638, 2150)  # 100 deg/s to starboard
-FIELD = packet(0x54, 200, 0, -430, 2150)
-NO_FIELD = packet(0x54, 0, 0, 0, 2150)
+TEMPERATURE = packet(ACCELERATION, 0, 0, 2048, 2150)
+TURN = packet(ANGULAR_RATE, 0, 0, -1638, 2150)  # 100 deg/s to starboard
+FIELD = packet(MAGNETIC_FIELD, 200, 0, -430, 2150)
+NO_FIELD = packet(MAGNETIC_FIELD, 0, 0, 0, 2150)
 
 
 @pytest.fixture
@@ -55,7 +58,7 @@ def make(line, exchange):
     def make(**options):
         compass = WitmotionCompass(line, WitmotionOptions(**options))
         assert exchange(compass, 0.0) == [READ_ALGORITHM]
-        exchange(compass, 0.01, FIELD, answer(0))
+        exchange(compass, 0.01, FIELD, reply(0))
         return compass
 
     return make
@@ -110,7 +113,7 @@ def test_heading_of_a_boat_that_pitches_and_heels_is_not_minus_yaw(compass, exch
 
 def test_scale_of_the_manual(compass, exchange):
     """Half of the range is 90 degrees and 1000 deg/s."""
-    exchange(compass, 0.2, packet(0x52, 0, 0, 16384, 0), packet(0x53, 0, 0, 16384, 0x46))
+    exchange(compass, 0.2, packet(ANGULAR_RATE, 0, 0, 16384, 0), packet(ANGLE, 0, 0, 16384, 0x46))
     (sample,) = compass.poll()
     assert math.degrees(sample.heading_rad) == 270.0
     assert math.degrees(sample.yaw_rate_rad_s) == pytest.approx(-1000.0)
@@ -130,11 +133,11 @@ def test_yaw_rate_and_temperature_of_the_same_cycle(line, exchange):
 
 @pytest.mark.parametrize(("number", "temperature_c"), [(-4000, -40.0), (-4001, None), (8500, 85.0), (8501, None)])
 def test_impossible_temperature_is_unknown(compass, exchange, number, temperature_c):
-    exchange(compass, 0.2, packet(0x51, 0, 0, 2048, number), angle())
+    exchange(compass, 0.2, packet(ACCELERATION, 0, 0, 2048, number), angle())
     assert compass.poll()[0].temperature_c == temperature_c
 
 
-def test_headings_need_the_answer_about_the_algorithm(line, exchange):
+def test_headings_need_the_reply_about_the_algorithm(line, exchange):
     compass = WitmotionCompass(line, WitmotionOptions())
     exchange(compass, 0.0, FIELD, angle())
     assert compass.poll() == ()
@@ -143,19 +146,19 @@ def test_headings_need_the_answer_about_the_algorithm(line, exchange):
         "algorithm unknown: no answer",
     )
     commands = [exchange(compass, 0.05 * step, FIELD, angle()) for step in range(1, 24)]
-    # Asked again each 0.5 s, then after unlocking, which some firmware may need.
+    # Read again after 0.5 s, after an unlock command, which some firmware may need.
     assert [command for group in commands for command in group] == [UNLOCK, READ_ALGORITHM, UNLOCK]
-    exchange(compass, 1.17, answer(0), angle())
-    assert compass.poll() == ()  # the answer does not belong to a request
+    exchange(compass, 1.17, reply(0), angle())
+    assert compass.poll() == ()  # the reply does not belong to a request
     assert exchange(compass, 1.4, FIELD) == [READ_ALGORITHM]
-    exchange(compass, 1.42, answer(0), angle())
+    exchange(compass, 1.42, reply(0), angle())
     assert len(compass.poll()) == 1
 
 
 def test_six_axes_give_no_heading_but_a_yaw_rate(line, exchange):
     compass = WitmotionCompass(line, WitmotionOptions())
     exchange(compass, 0.0)
-    exchange(compass, 0.01, FIELD, answer(1), TURN, angle())
+    exchange(compass, 0.01, FIELD, reply(1), TURN, angle())
     (sample,) = compass.poll()
     assert sample.reference is NorthReference.RELATIVE
     assert math.degrees(sample.yaw_rate_rad_s) == pytest.approx(100.0, abs=0.05)
@@ -164,10 +167,10 @@ def test_six_axes_give_no_heading_but_a_yaw_rate(line, exchange):
 
 
 @pytest.mark.parametrize("value", [2, -1, 6])
-def test_unknown_algorithm_is_asked_again(line, exchange, value):
+def test_unknown_algorithm_is_read_again(line, exchange, value):
     compass = WitmotionCompass(line, WitmotionOptions())
     exchange(compass, 0.0)
-    exchange(compass, 0.01, FIELD, answer(value), angle())
+    exchange(compass, 0.01, FIELD, reply(value), angle())
     assert compass.poll() == ()
     assert compass.health(0.01).text.startswith("algorithm")
     assert exchange(compass, 0.49) == []
@@ -177,13 +180,13 @@ def test_unknown_algorithm_is_asked_again(line, exchange, value):
 def test_algorithm_is_read_every_ten_seconds(compass, exchange):
     commands = {step / 10: exchange(compass, step / 10, FIELD, angle()) for step in range(1, 105)}
     assert [now_s for now_s, sent in commands.items() if sent] == [10.1]
-    exchange(compass, 10.5, answer(1), angle())
+    exchange(compass, 10.5, reply(1), angle())
     compass.poll()
     exchange(compass, 10.6, angle())
     assert [sample.reference for sample in compass.poll()] == [NorthReference.RELATIVE]
 
 
-def test_option_omits_the_question_and_writes_nothing(line, exchange):
+def test_option_nine_axis_reads_and_writes_no_register(line, exchange):
     compass = WitmotionCompass(line, WitmotionOptions(algorithm="nine_axis"))
     for step in range(300):
         exchange(compass, step / 10, FIELD, angle())
@@ -217,7 +220,7 @@ def test_default_options_never_write_a_register(compass, line, exchange):
     for step in range(600):
         for command in exchange(compass, step / 10, FIELD, angle()):
             if command == READ_ALGORITHM:
-                line.inbox += answer(0)
+                line.inbox += reply(0)
     assert set(line.written) == {READ_ALGORITHM}
     assert len(line.written) == pytest.approx(7, abs=1)
 
@@ -228,11 +231,11 @@ def rate_commands(exchange, line, compass, device, seconds):
     for step in range(round(seconds * 20)):
         for command in exchange(compass, 0.05 * step + 0.05, FIELD, angle()):
             if command == READ_ALGORITHM:
-                line.inbox += answer(0)
+                line.inbox += reply(0)
                 continue
             commands.append(command)
             if command == READ_RATE:
-                line.inbox += answer(device["rate"])
+                line.inbox += reply(device["rate"])
             elif command == SET_20_HZ and device.get("accepts", True):
                 device["rate"] = 7
     return commands
@@ -260,7 +263,7 @@ def test_rate_is_set_if_it_differs_and_stored_if_required(make, line, exchange, 
 def test_codes_of_the_rates(make, line, exchange, rate_hz, code):
     compass = make(rate_hz=rate_hz)
     assert exchange(compass, 0.2) == [READ_RATE]
-    exchange(compass, 0.21, FIELD, answer(1))
+    exchange(compass, 0.21, FIELD, reply(1))
     assert [exchange(compass, now_s) for now_s in (0.35, 0.5)] == [[UNLOCK], [bytes([0xFF, 0xAA, 3, code, 0])]]
 
 
@@ -292,10 +295,10 @@ def test_rate_is_set_again_after_a_power_cut_and_stored_only_once(make, line, ex
         command
         for step in range(200)
         for command in exchange(compass, 9.1 + 0.05 * step, FIELD, angle())
-        if command != READ_ALGORITHM or line.inbox.extend(answer(0))
+        if command != READ_ALGORITHM or line.inbox.extend(reply(0))
     ]
     assert later[0] == READ_RATE
-    line.inbox += answer(6)
+    line.inbox += reply(6)
     rest = rate_commands(lambda driver, now_s, *data: exchange(driver, now_s + 19.1, *data), line, compass, device, 5.0)
     assert rest[:3] == [UNLOCK, SET_20_HZ, READ_RATE]
     assert SAVE not in rest
@@ -314,7 +317,7 @@ def test_single_packet_in_noise_is_not_used(compass, exchange):
 
 @pytest.mark.parametrize(("number", "count"), [(16384, 1), (-16384, 1), (16385, 0), (-16385, 0)])
 def test_pitch_of_the_sensor_is_at_most_90_degrees(compass, exchange, number, count):
-    exchange(compass, 0.2, packet(0x53, 0, number, 0, 0x46))
+    exchange(compass, 0.2, packet(ANGLE, 0, number, 0, 0x46))
     health = compass.health(0.2)
     assert health.rejected == 1 - count
     assert health.text.startswith("pitch of the sensor") is (count == 0)
@@ -328,14 +331,14 @@ def test_nearly_vertical_boat_has_no_heading(compass, exchange):
     assert compass.health(0.3).state is DeviceState.RUNNING
 
 
-def test_silence_and_reopening_ask_for_the_algorithm_again(compass, line, exchange):
+def test_algorithm_is_read_again_after_silence_and_reopening(compass, line, exchange):
     exchange(compass, 0.2, angle())
     assert exchange(compass, 2.2) == []
     assert exchange(compass, 2.21) == [READ_ALGORITHM]
     compass.poll()
     exchange(compass, 2.4, FIELD, angle())
     assert compass.poll() == ()
-    exchange(compass, 2.5, answer(0), angle())
+    exchange(compass, 2.5, reply(0), angle())
     assert len(compass.poll()) == 1
     line.unplug()
     compass.receive(2.6)
