@@ -8,9 +8,21 @@ import pytest
 
 from firmware_py.common.records import RudderCommand
 from support.line import FakeLine, LateLine
+from support.servo_registers import (
+    DYNAMIXEL_RAM_START,
+    FEETECH_EEPROM_BYTES,
+    Dynamixel,
+    DynamixelError,
+    DynamixelInstruction,
+    Feetech,
+    FeetechInstruction,
+    Volz,
+)
 
-VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
+# Codes of replies by those of requests.
+VOLZ_REPLIES = {Volz.SET_POSITION: 0x2C, Volz.READ_CURRENT: 0x30, Volz.READ_VOLTAGE: 0x31, Volz.READ_TEMPERATURE: 0x10}
 INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")
+BROADCAST_ID = 0xFE
 
 
 def crc16(data, initial):
@@ -55,13 +67,13 @@ class FakeDynamixel:
         self.device_id = device_id
         self.powered = True
         self.registers = bytearray(256)
-        self.put(0, 1170, 2)
-        self.registers[6] = 47
-        self.registers[7] = device_id
-        self.registers[9] = 250
-        self.registers[11] = 3
-        self.put(48, 4095, 4)
-        self.put(52, 0, 4)
+        self.put(Dynamixel.MODEL, 1170, 2)
+        self.registers[Dynamixel.FIRMWARE] = 47
+        self.registers[Dynamixel.ID] = device_id
+        self.registers[Dynamixel.RETURN_DELAY] = 250
+        self.registers[Dynamixel.OPERATING_MODE] = 3
+        self.put(Dynamixel.MAX_POSITION, 4095, 4)
+        self.put(Dynamixel.MIN_POSITION, 0, 4)
         self.position = 2048
         self.write_errors = {}  # error codes of reads and writes by address
         self.ignored_addresses = set()  # addresses whose writes have a reply but no effect
@@ -69,7 +81,8 @@ class FakeDynamixel:
         self.ram_writes = []  # address, value
         self.reads = []
         self.reboots = 0
-        self.max_read, self.read_error = 255, 4  # error code of the reply to a longer read, None for no reply
+        self.max_read = 255
+        self.read_error = DynamixelError.RANGE  # of the reply to a longer read, None for no reply
         self.lost_replies = []  # addresses of writes whose reply is lost, once each
         self.restart()
 
@@ -81,23 +94,23 @@ class FakeDynamixel:
 
     def restart(self):
         """Reset the RAM as at power-up."""
-        self.registers[64:147] = bytes(83)
-        self.registers[68] = 2
-        self.put(116, self.position, 4)
-        self.put(144, 121, 2)
-        self.registers[146] = 31
-        self.put(126, 0xFFF6, 2)  # -10 counts
+        self.registers[DYNAMIXEL_RAM_START:147] = bytes(83)
+        self.registers[Dynamixel.STATUS_LEVEL] = 2
+        self.put(Dynamixel.GOAL_POSITION, self.position, 4)
+        self.put(Dynamixel.PRESENT_VOLTAGE, 121, 2)
+        self.registers[Dynamixel.PRESENT_TEMPERATURE] = 31
+        self.put(Dynamixel.PRESENT_CURRENT, 0xFFF6, 2)  # -10 counts
 
     def shut_down(self, error):
-        self.registers[70] |= error
-        self.registers[64] = 0
+        self.registers[Dynamixel.HARDWARE_ERROR] |= error
+        self.registers[Dynamixel.TORQUE_ENABLE] = 0
 
     def trip_watchdog(self):
-        self.registers[98] = 0xFF
+        self.registers[Dynamixel.BUS_WATCHDOG] = 0xFF
 
     @property
     def goal(self):
-        return self.get(116, 4)
+        return self.get(Dynamixel.GOAL_POSITION, 4)
 
     def handle(self, data):
         """Execute the frames of one write in order; return the replies."""
@@ -112,7 +125,7 @@ class FakeDynamixel:
         assert frame[:4] == INSTRUCTION_HEADER, frame.hex()
         assert struct.unpack("<H", frame[-2:])[0] == crc16(frame[:-2], 0)
         assert struct.unpack("<H", frame[5:7])[0] == len(frame) - 7
-        if self.powered and frame[4] == 0xFE and frame[7] == 0x83:
+        if self.powered and frame[4] == BROADCAST_ID and frame[7] == DynamixelInstruction.SYNC_WRITE:
             address, length = struct.unpack("<HH", frame[8:12])
             assert len(frame) == 12 + 1 + length + 2
             if frame[12] == self.device_id:
@@ -123,52 +136,54 @@ class FakeDynamixel:
         error, parameters = self.execute(frame[7], frame[8:-2])
         if error is None:
             return b""
-        if frame[7] == 3 and frame[8] in self.lost_replies:
+        if frame[7] == DynamixelInstruction.WRITE and frame[8] in self.lost_replies:
             self.lost_replies.remove(frame[8])
             return b""
-        alert = 0x80 if self.registers[70] else 0
+        alert = 0x80 if self.registers[Dynamixel.HARDWARE_ERROR] else 0
         return status_frame(self.device_id, error | alert, parameters)
 
     def execute(self, instruction, parameters):
-        if instruction == 1:
-            return 0, bytes((*self.registers[0:2], self.registers[6]))
-        if instruction == 2:
+        if instruction == DynamixelInstruction.PING:
+            return 0, bytes(
+                (*self.registers[Dynamixel.MODEL : Dynamixel.MODEL + 2], self.registers[Dynamixel.FIRMWARE])
+            )
+        if instruction == DynamixelInstruction.READ:
             address, length = struct.unpack("<HH", parameters)
             self.reads.append(address)
             if address in self.write_errors:
                 return self.write_errors[address], b""
             if length > self.max_read:
                 return self.read_error, b""
-            self.put(132, self.position, 4)
+            self.put(Dynamixel.PRESENT_POSITION, self.position, 4)
             return 0, bytes(self.registers[address : address + length])
-        if instruction == 8:
+        if instruction == DynamixelInstruction.REBOOT:
             self.reboots += 1
             self.restart()
             return 0, b""
-        assert instruction == 3, instruction
+        assert instruction == DynamixelInstruction.WRITE, instruction
         return self.store(struct.unpack("<H", parameters[:2])[0], parameters[2:]), b""
 
     def store(self, address, data):
         value = int.from_bytes(data, "little")
-        torque = self.registers[64]
-        if address < 64:
+        torque = self.registers[Dynamixel.TORQUE_ENABLE]
+        if address < DYNAMIXEL_RAM_START:
             self.eeprom_writes.append((address, value, torque))
             if torque:
-                return 7
+                return DynamixelError.ACCESS
         else:
             self.ram_writes.append((address, value))
         if address in self.write_errors:
             return self.write_errors[address]
         if address in self.ignored_addresses:
             return 0
-        if address == 116:
-            low, high = self.get(52, 4), self.get(48, 4)
-            if self.registers[98] == 0xFF or not low <= value <= high:
-                return 4
+        if address == Dynamixel.GOAL_POSITION:
+            low, high = self.get(Dynamixel.MIN_POSITION, 4), self.get(Dynamixel.MAX_POSITION, 4)
+            if self.registers[Dynamixel.BUS_WATCHDOG] == 0xFF or not low <= value <= high:
+                return DynamixelError.RANGE
             if torque:
                 self.position = value
-        if address == 64 and value and self.registers[70]:
-            return 1
+        if address == Dynamixel.TORQUE_ENABLE and value and self.registers[Dynamixel.HARDWARE_ERROR]:
+            return DynamixelError.RESULT_FAIL
         self.registers[address : address + len(data)] = data
         return 0
 
@@ -179,7 +194,7 @@ class FakeVolz:
     def __init__(self, device_id=1):
         self.device_id = device_id
         self.powered = True
-        self.values = {0xB0: (30, 0), 0xB1: (140, 0), 0xC0: (75, 81)}
+        self.values = {Volz.READ_CURRENT: (30, 0), Volz.READ_VOLTAGE: (140, 0), Volz.READ_TEMPERATURE: (75, 81)}
         self.position = 0x0800
         self.requests = []
 
@@ -189,7 +204,7 @@ class FakeVolz:
         if not self.powered or frame[1] != self.device_id:
             return b""
         self.requests.append(frame[0])
-        if frame[0] == 0xDC:
+        if frame[0] == Volz.SET_POSITION:
             self.position = frame[2] << 8 | frame[3]
             first, second = frame[2], frame[3]
         else:
@@ -203,9 +218,9 @@ class FakeFeetech:
     def __init__(self, device_id=1):
         self.device_id = device_id
         self.powered = True
-        self.stored = bytearray(40)  # the EEPROM area
+        self.stored = bytearray(FEETECH_EEPROM_BYTES)  # the EEPROM area
         self.stored[:9] = bytes((3, 10, 0, 9, 3, device_id, 0, 0, 1))
-        self.stored[11:13] = b"\xff\x0f"
+        self.stored[Feetech.MAX_ANGLE : Feetech.MAX_ANGLE + 2] = b"\xff\x0f"
         self.registers = bytearray(71)
         self.position = 2048
         self.status = 0
@@ -217,10 +232,10 @@ class FakeFeetech:
     def restart(self):
         """Start as at power-up."""
         self.registers = bytearray(71)
-        self.registers[:40] = self.stored
-        self.registers[55] = 1
-        self.registers[62:64] = bytes((121, 31))
-        self.registers[69:71] = b"\x0a\x80"  # -10 counts
+        self.registers[:FEETECH_EEPROM_BYTES] = self.stored
+        self.registers[Feetech.LOCK] = 1
+        self.registers[Feetech.VOLTAGE : Feetech.TEMPERATURE + 1] = bytes((121, 31))
+        self.registers[Feetech.CURRENT : Feetech.CURRENT + 2] = b"\x0a\x80"  # -10 counts
 
     def put(self, address, value):
         self.registers[address : address + 2] = value.to_bytes(2, "little")
@@ -230,10 +245,10 @@ class FakeFeetech:
 
     @property
     def goal(self):
-        return self.get(42)
+        return self.get(Feetech.GOAL)
 
     def cut_torque(self, status):
-        self.status, self.registers[40] = status, 0
+        self.status, self.registers[Feetech.TORQUE] = status, 0
 
     def handle(self, frame):
         body = frame[2:-1]
@@ -242,29 +257,29 @@ class FakeFeetech:
         assert (sum(body) + frame[-1]) & 0xFF == 0xFF
         if not self.powered or body[0] != self.device_id:
             return b""
-        data, level = b"", self.registers[8]
-        if body[2] == 2:
+        data, level = b"", self.registers[Feetech.RESPONSE_LEVEL]
+        if body[2] == FeetechInstruction.READ:
             address, count = body[3:]
             self.reads.append(address)
-            self.put(56, self.position)
-            self.registers[65] = self.status
+            self.put(Feetech.POSITION, self.position)
+            self.registers[Feetech.STATUS] = self.status
             data = bytes(self.registers[address : address + count])
             assert len(data) == count
         else:
-            assert body[2] == 3
+            assert body[2] == FeetechInstruction.WRITE
             self.write(body[3], body[4:])
             if not level:
                 return b""
         return feetech_frame(self.device_id, self.status, data)
 
     def write(self, address, data):
-        self.writes.append((address, bytes(data), self.registers[40]))
+        self.writes.append((address, bytes(data), self.registers[Feetech.TORQUE]))
         for place, value in enumerate(data, address):
             if place not in self.ignored_addresses:
                 self.registers[place] = value
-        if address < 40 and not self.registers[55]:
-            self.stored[:] = self.registers[:40]
-        if self.registers[40] == 1 and self.registers[33] == 0:
+        if address < FEETECH_EEPROM_BYTES and not self.registers[Feetech.LOCK]:
+            self.stored[:] = self.registers[:FEETECH_EEPROM_BYTES]
+        if self.registers[Feetech.TORQUE] == 1 and self.registers[Feetech.OPERATING_MODE] == 0:
             self.position = self.goal
 
 

@@ -8,6 +8,7 @@ from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
+from support.servo_registers import DynamixelInstruction, FeetechInstruction
 
 COUNTS_PER_DEG = {"dynamixel": 4096 / 360, "volz": 19.2, "feetech": 4096 / 360}
 NOISE = {"dynamixel": b"\xff\xff\xfd\x00\x01\x00", "volz": b"\x2c\x01\xdc", "feetech": b"\xff\xff\x01\x21\x00"}
@@ -104,7 +105,9 @@ def test_echo_and_noise_are_skipped(rig, line, servo, kind, counts):
 
 def is_goal(kind, frame):
     """Whether a request sets the position."""
-    return frame[7] == 0x83 if kind == "dynamixel" else frame[4] == 3
+    if kind == "dynamixel":
+        return frame[7] == DynamixelInstruction.SYNC_WRITE
+    return frame[4] == FeetechInstruction.WRITE
 
 
 @pytest.mark.parametrize("kind", ["dynamixel", "feetech"], indirect=True)

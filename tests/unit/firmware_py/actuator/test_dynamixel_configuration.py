@@ -7,6 +7,7 @@ from firmware_py.actuator.dynamixel import DynamixelOptions, DynamixelServo
 from firmware_py.actuator.dynamixel_configuration import Kind, Request, RestartCounter, read_request
 from firmware_py.actuator.dynamixel_readings import Readings
 from firmware_py.common.records import DeviceState
+from support.servo_registers import Dynamixel, DynamixelError, HardwareError
 
 TORQUE, WATCHDOG = "torque enable", "bus watchdog"
 
@@ -28,7 +29,7 @@ def corrections(conversation):
 
 
 def test_failed_essential_correction_is_repeated_every_second(conversation, corrections, servo):
-    servo.ignored_addresses.add(64)
+    servo.ignored_addresses.add(Dynamixel.TORQUE_ENABLE)
     assert corrections(1.0) == ["return delay", WATCHDOG, TORQUE, TORQUE, TORQUE]
     assert conversation.servo.condition(has_replied=True)[1] == "servo does not store torque enable"
     assert [corrections(now_s) for now_s in (1.99, 2.0, 2.99, 3.0)] == [[], [TORQUE], [], [TORQUE]]
@@ -41,13 +42,13 @@ def test_failed_essential_correction_is_repeated_every_second(conversation, corr
     ("times_s", "expected"), [((30.99, 60.99), [[], [WATCHDOG]]), ((31.0, 61.0), [[WATCHDOG]] * 2)]
 )
 def test_failed_optional_correction_is_repeated_every_thirty_seconds(corrections, servo, times_s, expected):
-    servo.ignored_addresses.add(98)
+    servo.ignored_addresses.add(Dynamixel.BUS_WATCHDOG)
     assert corrections(1.0) == ["return delay", WATCHDOG, WATCHDOG, WATCHDOG, TORQUE]
     assert [corrections(now_s) for now_s in times_s] == expected
 
 
 def test_failed_corrections_begin_again_on_a_reopened_line(conversation, corrections, servo):
-    servo.ignored_addresses |= {64, 98}
+    servo.ignored_addresses |= {Dynamixel.TORQUE_ENABLE, Dynamixel.BUS_WATCHDOG}
     for now_s in (1.0, 1.5):
         assert corrections(now_s)[-6:] == [WATCHDOG] * 3 + [TORQUE] * 3
         assert conversation.servo.condition(has_replied=True)[0] is DeviceState.FAULTY
@@ -70,7 +71,7 @@ def test_registers_from_before_a_correction_are_not_used(conversation, servo):
 
 
 def test_block_of_a_rejected_correction_is_read_again(conversation, servo):
-    servo.registers[11], servo.write_errors[11] = 1, 7
+    servo.registers[Dynamixel.OPERATING_MODE], servo.write_errors[Dynamixel.OPERATING_MODE] = 1, DynamixelError.ACCESS
     names = [request.name for request in conversation.run(1.0)]
     assert names[names.index("operating mode") + 1] == "settings"
 
@@ -93,7 +94,7 @@ def test_each_lost_goal_is_read_with_another_length(conversation):
      (6, "limit error"), (7, "access error"), (8, "error 8")],
 )  # fmt: skip
 def test_error_of_the_servo_is_named(conversation, servo, code, text):
-    servo.write_errors[8] = code
+    servo.write_errors[table.SETTINGS.address] = code
     conversation.run(1.0)
     assert conversation.servo.condition(has_replied=True)[1] == f"servo rejects settings: {text}"
 
@@ -111,13 +112,13 @@ def test_reboots_after_three_seconds_and_then_every_thirty(conversation, servo):
         return [request.kind for request in conversation.run(now_s)].count(Kind.REBOOT)
 
     conversation.run(1.0)
-    servo.shut_down(0x20)
+    servo.shut_down(HardwareError.OVERLOAD)
     assert [reboots(now_s) for now_s in (2.0, 4.99, 5.0)] == [0, 0, 1]
     conversation.run(6.0)
-    servo.shut_down(0x20)
+    servo.shut_down(HardwareError.OVERLOAD)
     assert [reboots(now_s) for now_s in (7.0, 34.99, 35.0)] == [0, 0, 1]
     conversation.run(65.0)
-    servo.shut_down(0x20)
+    servo.shut_down(HardwareError.OVERLOAD)
     assert [reboots(now_s) for now_s in (70.0, 72.99, 73.0)] == [0, 0, 1]
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from firmware_py.actuator.feetech import DRIVER, FeetechOptions, FeetechServo, feetech_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
+from support.servo_registers import Feetech, FeetechInstruction, FeetechStatus
 
 COUNT_RAD = math.tau / 4096
 ON = 1
@@ -56,7 +57,11 @@ def test_goal_is_sent_and_feedback_returned_within_two_ticks(rig, servo):
 def test_torque_is_switched_on_together_with_the_goal(rig, servo, line):
     rig.ticks(2, shaft_deg=-5.0)
     goal = counts(-5.0).to_bytes(2, "little")
-    assert servo.writes == [(41, b"\xfe", 0), (40, bytes((1, 254)) + goal, 0), (42, goal, 1)]
+    assert servo.writes == [
+        (Feetech.ACCELERATION, b"\xfe", 0),
+        (Feetech.TORQUE, bytes((1, 254)) + goal, 0),
+        (Feetech.GOAL, goal, 1),
+    ]
     assert bytes.fromhex("FFFF 01 07 03 28 01 FE C7 07 FF") in line.written
 
 
@@ -71,18 +76,18 @@ def test_goal_is_the_first_request_of_every_tick(running, servo, line):
     for _ in range(100):
         line.written.clear()
         running.ticks(1)
-        assert [frame[4] for frame in line.written] == [3, 2]
+        assert [frame[4] for frame in line.written] == [FeetechInstruction.WRITE, FeetechInstruction.READ]
 
 
 def test_nothing_is_written_before_the_first_command(fakes, servo, line):
-    servo.registers[33] = 1
+    servo.registers[Feetech.OPERATING_MODE] = 1
     rudder = feetech_rudder(line, FeetechOptions())
     for tick in range(100):
         rudder.receive(0.02 * tick)
     assert servo.writes == []
     assert 3 <= len(line.written) < 40
     assert rudder.health(2.0).state is DeviceState.RUNNING
-    servo.registers[33] = 0
+    servo.registers[Feetech.OPERATING_MODE] = 0
 
 
 def test_angle_is_measured_before_the_first_command(servo, line):
@@ -98,36 +103,41 @@ def test_angle_is_measured_before_the_first_command(servo, line):
 
 def test_torque_is_not_switched_on_without_a_goal(rig, servo):
     rig.ticks(3, shaft_deg=math.nan)
-    assert servo.writes == [(41, b"\xfe", 0)]
+    assert servo.writes == [(Feetech.ACCELERATION, b"\xfe", 0)]
     assert rig.health().state is DeviceState.RUNNING
     rig.ticks(2, shaft_deg=1.0)
     assert servo.position == counts(1.0)
 
 
 def test_settings_are_corrected_in_ram_with_the_torque_off(rig, servo):
-    servo.stored[33], servo.stored[8] = 3, 0
+    servo.stored[Feetech.OPERATING_MODE], servo.stored[Feetech.RESPONSE_LEVEL] = 3, 0
     servo.restart()
-    servo.registers[55], servo.registers[40] = 0, 2
+    servo.registers[Feetech.LOCK], servo.registers[Feetech.TORQUE] = 0, 2
     rig.ticks(10, shaft_deg=10.0)
     corrections = [(address, data) for address, data, _ in servo.writes[1:5]]
-    assert corrections == [(55, b"\1"), (40, b"\0"), (33, b"\0"), (8, b"\1")]
+    assert corrections == [
+        (Feetech.LOCK, b"\1"),
+        (Feetech.TORQUE, b"\0"),
+        (Feetech.OPERATING_MODE, b"\0"),
+        (Feetech.RESPONSE_LEVEL, b"\1"),
+    ]
     assert servo.writes[3][2] == 0  # the mode with the torque off
-    assert (servo.stored[33], servo.stored[8]) == (3, 0)  # nothing is stored
+    assert (servo.stored[Feetech.OPERATING_MODE], servo.stored[Feetech.RESPONSE_LEVEL]) == (3, 0)  # nothing is stored
     assert servo.position == counts(10.0)
     assert rig.health().state is DeviceState.RUNNING
 
 
 def test_correct_settings_are_not_written(running, servo):
-    assert {address for address, _, _ in servo.writes} == {40, 41, 42}
+    assert {address for address, _, _ in servo.writes} == {Feetech.TORQUE, Feetech.ACCELERATION, Feetech.GOAL}
 
 
 def test_mode_that_cannot_be_set_is_a_fault_and_no_goal_is_sent(rig, servo):
-    servo.registers[33] = 3
-    servo.ignored_addresses.add(33)
+    servo.registers[Feetech.OPERATING_MODE] = 3
+    servo.ignored_addresses.add(Feetech.OPERATING_MODE)
     feedback = rig.ticks(8, shaft_deg=10.0)
     health = rig.health()
     assert (health.state, health.text) == (DeviceState.FAULTY, "servo does not accept operating mode")
-    assert {address for address, _, _ in servo.writes} == {33, 41}
+    assert {address for address, _, _ in servo.writes} == {Feetech.OPERATING_MODE, Feetech.ACCELERATION}
     assert servo.position == 2048
     assert [sample.shaft_rad for sample in feedback] == [None] * len(feedback)  # a difference in this mode
     assert len(servo.writes) == 1 + 3
@@ -139,7 +149,10 @@ def test_mode_that_cannot_be_set_is_a_fault_and_no_goal_is_sent(rig, servo):
     assert servo.position == counts(10.0)
 
 
-@pytest.mark.parametrize(("address", "name"), [(55, "lock"), (8, "response level"), (41, "acceleration")])
+@pytest.mark.parametrize(
+    ("address", "name"),
+    [(Feetech.LOCK, "lock"), (Feetech.RESPONSE_LEVEL, "response level"), (Feetech.ACCELERATION, "acceleration")],
+)
 def test_optional_setting_that_cannot_be_set_is_reported_and_the_servo_is_used(rig, servo, address, name):
     servo.registers[address] = 0
     servo.ignored_addresses.add(address)
@@ -150,19 +163,19 @@ def test_optional_setting_that_cannot_be_set_is_reported_and_the_servo_is_used(r
 
 
 def test_nothing_is_stored_in_a_servo_that_cannot_be_locked(rig, servo):
-    servo.stored[33] = 3
+    servo.stored[Feetech.OPERATING_MODE] = 3
     servo.restart()
-    servo.registers[55] = 0
-    servo.ignored_addresses.add(55)
+    servo.registers[Feetech.LOCK] = 0
+    servo.ignored_addresses.add(Feetech.LOCK)
     rig.ticks(12, shaft_deg=10.0)
-    assert {address for address, _, _ in servo.writes} == {41, 55}
-    assert servo.stored[33] == 3
+    assert {address for address, _, _ in servo.writes} == {Feetech.ACCELERATION, Feetech.LOCK}
+    assert servo.stored[Feetech.OPERATING_MODE] == 3
     assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "servo does not accept lock")
 
 
 def test_servo_without_acknowledgements_is_used(fakes, servo, line):
-    servo.registers[8] = 0
-    servo.ignored_addresses.add(8)
+    servo.registers[Feetech.RESPONSE_LEVEL] = 0
+    servo.ignored_addresses.add(Feetech.RESPONSE_LEVEL)
     rig = fakes.rig(feetech_rudder(line, FeetechOptions()), slack=30)
     rig.ticks(10)
     assert len(rig.ticks(20, shaft_deg=-10.0)) >= 18
@@ -171,7 +184,7 @@ def test_servo_without_acknowledgements_is_used(fakes, servo, line):
 
 
 def test_big_endian_servo_is_not_written(rig, servo):
-    servo.registers[2] = 1
+    servo.registers[Feetech.BYTE_ORDER] = 1
     rig.ticks(5)
     assert servo.writes == []
     assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "SCS servo (big-endian) not supported")
@@ -189,8 +202,8 @@ def test_big_endian_servo_is_not_written(rig, servo):
     ],
 )
 def test_goal_is_within_the_angle_limits(rig, servo, shaft_deg, goal, is_at_limit):
-    servo.put(9, 1000)
-    servo.put(11, 3000)
+    servo.put(Feetech.MIN_ANGLE, 1000)
+    servo.put(Feetech.MAX_ANGLE, 3000)
     rig.ticks(4, shaft_deg=shaft_deg)
     assert servo.goal == goal
     assert (rig.health().text == "goal at an angle limit of the servo") is is_at_limit
@@ -200,19 +213,19 @@ def test_goal_is_within_the_angle_limits(rig, servo, shaft_deg, goal, is_at_limi
 def test_released_servo_is_still_read_and_engages_with_the_goal(running, servo):
     servo.writes.clear()
     feedback = running.ticks(5, shaft_deg=5.0, torque_on=False)
-    assert [(address, data) for address, data, _ in servo.writes] == [(40, b"\0")]
+    assert [(address, data) for address, data, _ in servo.writes] == [(Feetech.TORQUE, b"\0")]
     assert feedback[-1].torque_on is False
     servo.position = 2100
     assert running.ticks(1, torque_on=False)[-1].shaft_rad == pytest.approx(52 * COUNT_RAD)
     assert running.health().state is DeviceState.RUNNING
     servo.writes.clear()
     running.ticks(1, shaft_deg=7.0)
-    assert servo.writes == [(40, bytes((1, 254)) + counts(7.0).to_bytes(2, "little"), 0)]
+    assert servo.writes == [(Feetech.TORQUE, bytes((1, 254)) + counts(7.0).to_bytes(2, "little"), 0)]
     assert running.ticks(1, shaft_deg=7.0)[-1].restarts == 0
 
 
 def test_rejected_goal_is_a_fault_after_three_ticks(running, servo):
-    servo.ignored_addresses |= {42, 43}
+    servo.ignored_addresses |= {Feetech.GOAL, Feetech.GOAL_HIGH_BYTE}
     running.ticks(2, shaft_deg=10.0)
     assert running.health().state is DeviceState.RUNNING
     rejected = running.health().rejected
@@ -225,7 +238,7 @@ def test_rejected_goal_is_a_fault_after_three_ticks(running, servo):
 
 
 def test_rejected_goals_before_the_line_was_reopened_do_not_count(running, servo, line):
-    servo.ignored_addresses |= {42, 43}
+    servo.ignored_addresses |= {Feetech.GOAL, Feetech.GOAL_HIGH_BYTE}
     running.ticks(2, shaft_deg=10.0)
     line.unplug()
     line.plug()
@@ -243,13 +256,13 @@ def test_goal_of_a_released_servo_is_not_compared(running, servo):
 
 
 def test_power_loss_without_silence_is_counted_and_the_settings_are_read_again(running, servo):
-    servo.stored[33] = 1
+    servo.stored[Feetech.OPERATING_MODE] = 1
     servo.restart()
     servo.reads.clear()
     feedback = running.ticks(3, shaft_deg=-10.0)
-    assert (servo.registers[33], servo.registers[40]) == (0, ON)
+    assert (servo.registers[Feetech.OPERATING_MODE], servo.registers[Feetech.TORQUE]) == (0, ON)
     assert servo.position == counts(-10.0)
-    assert 0 in servo.reads
+    assert Feetech.FIRMWARE in servo.reads
     assert [sample.restarts for sample in feedback][-1] == 1
     assert running.health().state is DeviceState.RUNNING
 
@@ -267,21 +280,25 @@ def test_power_loss_with_silence_is_counted(running, servo):
 
 def test_power_loss_while_released_is_counted_and_the_mode_is_corrected_before_it_engages(running, servo):
     running.ticks(2, torque_on=False)
-    servo.stored[33] = 3
+    servo.stored[Feetech.OPERATING_MODE] = 3
     servo.restart()
     assert running.ticks(3, torque_on=False)[-1].restarts == 1
-    assert servo.registers[33] == 0
+    assert servo.registers[Feetech.OPERATING_MODE] == 0
     servo.restart()
     servo.writes.clear()
     running.ticks(3, shaft_deg=10.0)
-    assert [address for address, _, _ in servo.writes][:3] == [41, 33, 40]
+    assert [address for address, _, _ in servo.writes][:3] == [
+        Feetech.ACCELERATION,
+        Feetech.OPERATING_MODE,
+        Feetech.TORQUE,
+    ]
     assert servo.position == counts(10.0)
 
 
 def test_error_with_torque_is_reported_and_the_servo_follows(running, servo):
-    servo.status = 1
+    servo.status = FeetechStatus.VOLTAGE
     feedback = running.ticks(3, shaft_deg=10.0)
-    assert feedback[-1].hardware_error == 1
+    assert feedback[-1].hardware_error == FeetechStatus.VOLTAGE
     assert (running.health().state, running.health().text) == (DeviceState.FAULTY, "servo error: voltage")
     assert servo.position == counts(10.0)
     servo.status = 0
@@ -290,12 +307,12 @@ def test_error_with_torque_is_reported_and_the_servo_follows(running, servo):
 
 
 def switched_on(servo):
-    return [data for address, data, _ in servo.writes if address == 40 and data[0] == 1]
+    return [data for address, data, _ in servo.writes if address == Feetech.TORQUE and data[0] == ON]
 
 
 def test_torque_cut_by_the_servo_is_switched_on_after_three_seconds(running, servo):
-    servo.cut_torque(32)
-    servo.ignored_addresses.add(40)
+    servo.cut_torque(FeetechStatus.OVERLOAD)
+    servo.ignored_addresses.add(Feetech.TORQUE)
     servo.writes.clear()
     feedback = running.ticks(29)
     assert running.health().text == "servo error: overload, torque cut"
@@ -315,17 +332,25 @@ def test_torque_cut_by_the_servo_is_switched_on_after_three_seconds(running, ser
     assert running.health().state is DeviceState.RUNNING
 
 
-@pytest.mark.parametrize("status", [2, 4, 6, 2 | 32])
+@pytest.mark.parametrize(
+    "status",
+    [
+        FeetechStatus.ENCODER,
+        FeetechStatus.OVERHEATING,
+        FeetechStatus.ENCODER | FeetechStatus.OVERHEATING,
+        FeetechStatus.ENCODER | FeetechStatus.OVERLOAD,
+    ],
+)
 def test_torque_is_not_switched_on_with_an_encoder_error_or_while_hot(running, servo, status):
     servo.cut_torque(status)
     servo.writes.clear()
     running.ticks(400)
-    assert [address for address, _, _ in servo.writes] == [42]  # before the first reply with the error
+    assert [address for address, _, _ in servo.writes] == [Feetech.GOAL]  # before the first reply with the error
 
 
 def test_overload_with_torque_is_reset_after_three_seconds(running, servo):
     """The servo reduces its output without switching the torque off."""
-    servo.status = 32
+    servo.status = FeetechStatus.OVERLOAD
     servo.writes.clear()
     running.ticks(28)
     assert switched_on(servo) == []
@@ -334,13 +359,13 @@ def test_overload_with_torque_is_reset_after_three_seconds(running, servo):
 
 
 def test_servo_with_a_warning_starts_at_once(rig, servo):
-    servo.status = 1
+    servo.status = FeetechStatus.VOLTAGE
     rig.ticks(2, shaft_deg=10.0)
     assert servo.position == counts(10.0)
 
 
 def test_servo_with_a_warning_engages_at_once(running, servo):
-    servo.status = 1
+    servo.status = FeetechStatus.VOLTAGE
     running.ticks(2)
     running.ticks(2, torque_on=False)
     running.ticks(1, shaft_deg=10.0)
@@ -348,7 +373,7 @@ def test_servo_with_a_warning_engages_at_once(running, servo):
 
 
 def test_torque_that_cannot_be_switched_on_is_a_fault(rig, servo):
-    servo.ignored_addresses.add(40)
+    servo.ignored_addresses.add(Feetech.TORQUE)
     rig.ticks(6)
     assert (rig.health().state, rig.health().text) == (DeviceState.FAULTY, "servo does not accept torque")
     writes = len(servo.writes)
@@ -358,7 +383,7 @@ def test_torque_that_cannot_be_switched_on_is_a_fault(rig, servo):
 
 def test_values_out_of_range_are_rejected(running, servo):
     servo.position = 6000
-    servo.registers[63] = 200
+    servo.registers[Feetech.TEMPERATURE] = 200
     rejected = running.health().rejected
     last = running.ticks(1, torque_on=True, shaft_deg=0.0)[-1]
     assert last.temperature_c is None
@@ -417,11 +442,11 @@ def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fa
         rudder.command(RudderCommand(0.1, True), 1.0)
         line.inbox += servo.handle(line.written[-1])
         rudder.receive(1.0)
-    assert line.written[-1][4:6] == bytes((3, 42))
+    assert line.written[-1][4:6] == bytes((FeetechInstruction.WRITE, Feetech.GOAL))
     assert rudder.needs_prompt_io()  # for the reading
     line.inbox += servo.handle(line.written[-1])
     rudder.receive(1.0)
-    assert line.written[-1][4:6] == bytes((2, 40))
+    assert line.written[-1][4:6] == bytes((FeetechInstruction.READ, Feetech.TORQUE))
     assert not rudder.needs_prompt_io()
     rudder.command(RudderCommand(0.1, False), 1.02)
     assert rudder.needs_prompt_io()
@@ -429,15 +454,15 @@ def test_prompt_io_is_needed_until_the_reading_after_the_goal(running, servo, fa
         line.inbox += servo.handle(line.written[-1])
         rudder.receive(1.021)
     rudder.command(RudderCommand(0.1, False), 1.04)
-    assert line.written[-1][4:6] == bytes((2, 40))
+    assert line.written[-1][4:6] == bytes((FeetechInstruction.READ, Feetech.TORQUE))
     assert not rudder.needs_prompt_io()  # without torque no goal is due
 
 
 def test_settings_are_read_again_while_no_state_is_received(rig, servo):
     handle = servo.handle
-    servo.handle = lambda data: handle(data) if data[5] == 0 else b""
+    servo.handle = lambda data: handle(data) if data[5] == Feetech.FIRMWARE else b""
     rig.ticks(40)
-    assert servo.reads.count(0) >= 2
+    assert servo.reads.count(Feetech.FIRMWARE) >= 2
 
 
 def test_lost_acknowledgement_and_lost_settings_do_not_change_the_length_of_the_next_read(rig, servo, line):
@@ -445,7 +470,7 @@ def test_lost_acknowledgement_and_lost_settings_do_not_change_the_length_of_the_
     rig.ticks(3)
     line.lose_replies = 1  # of the goal
     rig.ticks(3)
-    assert set(servo.reads) == {0, 40}
+    assert set(servo.reads) == {Feetech.FIRMWARE, Feetech.TORQUE}
 
 
 @pytest.fixture
@@ -479,49 +504,49 @@ def test_each_lost_state_makes_the_next_read_longer_up_to_the_longest(conversati
 
 
 def test_failed_correction_is_repeated_every_two_seconds(writes, servo):
-    servo.ignored_addresses.add(40)
-    assert writes(1.0) == [41, 40, 40, 40]
+    servo.ignored_addresses.add(Feetech.TORQUE)
+    assert writes(1.0) == [Feetech.ACCELERATION, *[Feetech.TORQUE] * 3]
     assert writes(2.99) == []
-    assert writes(3.0) == [40]
+    assert writes(3.0) == [Feetech.TORQUE]
     assert writes(4.99) == []
-    assert writes(5.0) == [40]
+    assert writes(5.0) == [Feetech.TORQUE]
 
 
-@pytest.mark.parametrize("status", [1, 32])
+@pytest.mark.parametrize("status", [FeetechStatus.VOLTAGE, FeetechStatus.OVERLOAD])
 def test_torque_after_an_error_is_switched_on_after_3_s_and_every_30_s(writes, servo, status):
     writes(1.0)
     servo.cut_torque(status)
-    servo.ignored_addresses.add(40)
-    assert writes(2.0) == [42]  # before the error is read
+    servo.ignored_addresses.add(Feetech.TORQUE)
+    assert writes(2.0) == [Feetech.GOAL]  # before the error is read
     assert writes(4.99) == []
-    assert writes(5.0) == [40]
+    assert writes(5.0) == [Feetech.TORQUE]
     assert writes(34.99) == []
-    assert writes(35.0) == [40]
+    assert writes(35.0) == [Feetech.TORQUE]
 
 
 def test_next_error_waits_for_the_end_of_the_30_s(writes, servo):
     writes(1.0)
-    servo.cut_torque(32)
+    servo.cut_torque(FeetechStatus.OVERLOAD)
     writes(2.0)
-    assert writes(5.0) == [40]
+    assert writes(5.0) == [Feetech.TORQUE]
     servo.status = 0
     writes(6.0)
-    servo.cut_torque(32)
+    servo.cut_torque(FeetechStatus.OVERLOAD)
     writes(7.0)
     assert writes(34.99) == []
-    assert writes(35.0) == [40]
+    assert writes(35.0) == [Feetech.TORQUE]
     servo.status = 0
     writes(36.0)
-    assert writes(65.0) == [42]  # 30 s are over
-    servo.cut_torque(32)
+    assert writes(65.0) == [Feetech.GOAL]  # 30 s are over
+    servo.cut_torque(FeetechStatus.OVERLOAD)
     writes(65.5)
     assert writes(68.49) == []
-    assert writes(68.5) == [40]
+    assert writes(68.5) == [Feetech.TORQUE]
 
 
 def test_state_from_before_a_correction_is_read_again(writes, conversation, servo):
     """Its reply is late; the servo was not locked at that time."""
-    servo.registers[55] = 0
+    servo.registers[Feetech.LOCK] = 0
     conversation.servo.command(0.1, 1.0, torque_on=True)
     requests = []
     for now_s in (1.0, 1.1):  # settings and state
@@ -535,7 +560,7 @@ def test_state_from_before_a_correction_is_read_again(writes, conversation, serv
     servo.handle(correction.frame)
     conversation.servo.process_reply(requests[-1], late_reply, 1.1, is_certain=True)
     assert conversation.servo.next_request(1.2).block is not None
-    assert writes(1.3) == [55, 40]
+    assert writes(1.3) == [Feetech.LOCK, Feetech.TORQUE]
 
 
 def test_driver_needs_a_serial_port():

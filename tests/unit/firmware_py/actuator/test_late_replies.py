@@ -14,10 +14,10 @@ from firmware_py.actuator.dynamixel_registers import GOAL_READS, LIMITS, STATE, 
 from firmware_py.actuator.feetech import FeetechOptions, feetech_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
+from support.servo_registers import Dynamixel, DynamixelError
 
 COUNT_RAD = 2.0 * math.pi / 4096
 CONFIGURED_TICKS = 30  # after these the servo is configured
-TORQUE, GOAL = 64, 116  # registers of a Dynamixel
 STEP_S = 0.005
 
 
@@ -99,7 +99,7 @@ def test_constant_reply_delay_is_no_fault(fakes, servo, reply_delay_s):
     assert len(feedback) >= 120
     assert recorder.has_true_positions(feedback)
     assert servo.reads.count(LIMITS.address) == 0  # the limits are read only after a rejected goal
-    assert {address for address, _ in servo.ram_writes} == {GOAL}
+    assert {address for address, _ in servo.ram_writes} == {Dynamixel.GOAL_POSITION}
     assert len(servo.ram_writes) >= 120
     assert STATE.address in servo.reads
 
@@ -122,7 +122,7 @@ def test_some_late_and_lost_replies_are_no_fault(fakes, servo, seed, baud, perio
 def test_rejected_goal_is_detected_by_late_replies(fakes, servo):
     rig, _ = late_rig(fakes, servo, lambda: 0.12)
     rig.ticks(CONFIGURED_TICKS)
-    servo.write_errors[GOAL] = 7
+    servo.write_errors[Dynamixel.GOAL_POSITION] = DynamixelError.ACCESS
     rig.ticks(20)
     assert rig.rudder.health(rig.now_s).text == "servo rejects goal position"
     servo.write_errors.clear()
@@ -135,7 +135,7 @@ def test_restart_and_watchdog_trip_are_detected_by_late_replies(fakes, servo):
     rig.ticks(CONFIGURED_TICKS)
     servo.restart()
     rig.ticks(30)
-    assert (servo.registers[TORQUE], servo.registers[WATCHDOG.address]) == (1, 100)
+    assert (servo.registers[Dynamixel.TORQUE_ENABLE], servo.registers[WATCHDOG.address]) == (1, 100)
     servo.trip_watchdog()
     rig.ticks(30)
     assert servo.registers[WATCHDOG.address] == 100
@@ -154,7 +154,7 @@ def test_shortest_read_is_used_again_after_a_reply_in_time(fakes, servo):
         rig.ticks(4)
         servo.reads.clear()
         rig.ticks(60)
-        assert {address for address in servo.reads if WATCHDOG.address < address < GOAL} == addresses
+        assert {address for address in servo.reads if WATCHDOG.address < address < Dynamixel.GOAL_POSITION} == addresses
 
 
 DELAYS = st.lists(st.sampled_from([0.0, 0.016, 0.05, 0.12, 0.21, 0.4, None]), min_size=1, max_size=40)

@@ -12,7 +12,9 @@ from hil.devices.hobby_servo import HobbyServo
 from hil.devices.maestro import MaestroEmulator, divide
 from hil.ship.servo import ServoShaft
 
-LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0xA1: 1, 0xAA: 3}
+SET_TARGET, SET_SPEED, SET_ACCELERATION, GET_POSITION, GET_ERRORS = 0x84, 0x87, 0x89, 0x90, 0xA1
+POLOLU_PROTOCOL = 0xAA  # first byte of the search, which reads the errors
+LENGTHS = {SET_TARGET: 4, SET_SPEED: 4, SET_ACCELERATION: 4, GET_POSITION: 2, GET_ERRORS: 1, POLOLU_PROTOCOL: 3}
 
 
 class FakeMaestro:
@@ -33,14 +35,14 @@ class FakeMaestro:
             packet, data = data[: LENGTHS[data[0]]], data[LENGTHS[data[0]] :]
             self.commands.append(packet[0])
             number = packet[-2] + 128 * packet[-1] if len(packet) == 4 else 0
-            assert packet[0] in (0xA1, 0xAA) or packet[1] == self.channel
-            if packet[0] == 0x84:
+            assert packet[0] in (GET_ERRORS, POLOLU_PROTOCOL) or packet[1] == self.channel
+            if packet[0] == SET_TARGET:
                 self.position = min(max(number, self.limits[0]), self.limits[1]) if number else 0
-            elif packet[0] == 0x87:
+            elif packet[0] == SET_SPEED:
                 self.speed = number
-            elif packet[0] == 0x89:
+            elif packet[0] == SET_ACCELERATION:
                 self.acceleration = number
-            elif packet[0] == 0x90:
+            elif packet[0] == GET_POSITION:
                 reply += self.position.to_bytes(2, "little")
             else:
                 reply += self.errors.to_bytes(2, "little")
@@ -107,7 +109,9 @@ def test_every_command_has_a_crc_if_the_maestro_requires_one(fakes):
         first_frames(fakes, MaestroOptions()), first_frames(fakes, MaestroOptions(crc=True)), strict=True
     ):
         packets = re.findall(rb"[\x80-\xff][\x00-\x7f]*", plain)
-        assert frame == b"".join(packet + bytes([divide(list(packet))]) for packet in packets)
+        assert frame == b"".join(
+            packet + bytes([divide(list(packet))]) for packet in packets
+        )  # the CRC by long division
 
 
 def test_target_is_sent_and_the_feedback_has_no_angle(rig, maestro):
@@ -125,9 +129,9 @@ def test_limits_of_speed_and_acceleration_are_set_every_second(fakes, maestro, l
     assert (maestro.speed, maestro.acceleration) == (300, 7)
     maestro.commands.clear()
     rig.ticks(50)
-    assert maestro.commands.count(0x84) == 50
-    assert 4 <= maestro.commands.count(0xA1) <= 6
-    assert maestro.commands.count(0xAA) == 0
+    assert maestro.commands.count(SET_TARGET) == 50
+    assert 4 <= maestro.commands.count(GET_ERRORS) <= 6
+    assert maestro.commands.count(POLOLU_PROTOCOL) == 0
 
 
 def test_released_servo_has_no_pulse(rig, maestro):
@@ -167,13 +171,13 @@ def test_search_sets_the_baud_rate_after_every_silence(rig, maestro):
     maestro.commands.clear()
     maestro.powered = True
     rig.ticks(2)
-    assert 0xAA in maestro.commands[:2]
+    assert POLOLU_PROTOCOL in maestro.commands[:2]
 
 
 def test_maestro_of_another_device_number_is_driven(rig, maestro):
     """It does not reply to the search."""
     handle = maestro.handle
-    maestro.handle = lambda data: b"" if data[0] == 0xAA else handle(data)
+    maestro.handle = lambda data: b"" if data[0] == POLOLU_PROTOCOL else handle(data)
     rig.ticks(5, shaft_deg=10.0)
     assert maestro.position == round(4 * (1500 + 636.6 * math.radians(10.0)))
     maestro.powered = False
@@ -207,7 +211,7 @@ def test_missing_pulses_after_an_error_was_read_are_no_restart(rig, maestro):
     handle = maestro.handle
 
     def go_home(data):
-        if data[-1] == 0xA1:
+        if data[-1] == GET_ERRORS:
             maestro.errors, maestro.position, maestro.handle = 2, 0, handle
         return handle(data)
 
@@ -216,7 +220,7 @@ def test_missing_pulses_after_an_error_was_read_are_no_restart(rig, maestro):
     assert rig.health().text == "serial overrun"
 
 
-def test_lost_and_foreign_bytes_do_not_last(rig, line, maestro):
+def test_lost_and_foreign_bytes_have_no_lasting_effect(rig, line, maestro):
     rig.ticks(5, shaft_deg=10.0)
     line.lose_replies = 1
     rig.ticks(2, shaft_deg=10.0)
@@ -267,7 +271,7 @@ def test_power_cut_together_with_the_port_is_no_restart(rig, line, maestro):
 def test_position_from_before_the_line_was_reopened_is_not_used(rig, line, maestro):
     rig.ticks(3)
     handle = maestro.handle
-    maestro.handle = lambda data: handle(data) if data[0] == 0xAA else b""
+    maestro.handle = lambda data: handle(data) if data[0] == POLOLU_PROTOCOL else b""
     line.plug()
     rig.ticks(2)
     assert rig.health().state is DeviceState.STARTING
@@ -277,7 +281,7 @@ def test_no_target_is_set_before_the_first_command(fakes, line, maestro):
     rudder = maestro_rudder(line, MaestroOptions())
     for tick in range(20):
         rudder.receive(0.1 * tick)
-    assert set(maestro.commands) == {0xAA, 0x87, 0x89, 0xA1}
+    assert set(maestro.commands) == {POLOLU_PROTOCOL, SET_SPEED, SET_ACCELERATION, GET_ERRORS}
 
 
 def test_prompt_io_is_needed_while_the_target_waits(fakes):
@@ -295,7 +299,7 @@ def test_errors_are_read_late_in_a_tick_if_there_was_no_time_early(fakes, maestr
     for tick in range(40):
         rudder.receive(1.098 + tick / 10)  # the reply of the tick
         rudder.command(RudderCommand(0.1, torque_on=True), 1.1 + tick / 10)
-    assert 2 <= maestro.commands.count(0xA1) <= 4
+    assert 2 <= maestro.commands.count(GET_ERRORS) <= 4
 
 
 def test_limited_pulse_is_reported(rig):
@@ -325,7 +329,7 @@ def test_options_out_of_range_are_refused(name, default, limits):
 def test_position_that_no_channel_can_have_is_rejected(rig, maestro, number, is_accepted):
     rig.ticks(3)
     handle = maestro.handle
-    maestro.handle = lambda data: handle(data) and (number.to_bytes(2, "little") if 0x90 in data else b"\0\0")
+    maestro.handle = lambda data: handle(data) and (number.to_bytes(2, "little") if GET_POSITION in data else b"\0\0")
     rejected = rig.health().rejected
     feedback = rig.ticks(1)
     assert (len(feedback), rig.health().rejected - rejected) == ((1, 0) if is_accepted else (0, 1))
@@ -351,10 +355,10 @@ def test_missing_pulses_after_a_lost_reply_are_no_restart(rig, line, maestro):
     assert rig.ticks(3, shaft_deg=10.0)[-1].restarts == 1
 
 
-def test_maestro_that_answers_requests_of_errors_only_is_silent(rig, maestro):
+def test_maestro_that_replies_only_to_requests_of_errors_is_silent(rig, maestro):
     rig.ticks(5)
     handle = maestro.handle
-    maestro.handle = lambda data: b"" if 0x90 in data else handle(data)
+    maestro.handle = lambda data: b"" if GET_POSITION in data else handle(data)
     rig.ticks(17)
     assert rig.health().state is DeviceState.SILENT
 
@@ -367,7 +371,7 @@ def conversation(fakes, maestro):
 def test_errors_are_read_every_second(conversation, maestro):
     for now_s, count in ((1.0, 1), (1.99, 1), (2.0, 2)):
         conversation.run(now_s)
-        assert maestro.commands.count(0xA1) == count
+        assert maestro.commands.count(GET_ERRORS) == count
 
 
 def test_errors_are_read_early_in_a_tick_or_when_they_are_overdue(conversation):

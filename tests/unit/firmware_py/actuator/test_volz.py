@@ -6,6 +6,7 @@ import pytest
 
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
+from support.servo_registers import Volz
 
 COUNT_RAD = math.radians(100.0) / 1920
 
@@ -27,7 +28,7 @@ def rig(fakes, line):
 
 def test_position_is_sent_and_feedback_returned(rig, servo, line):
     feedback = rig.ticks(5, shaft_deg=20.0)
-    assert servo.requests[:2] == [0xB1, 0xDC]  # the first position is sent in the first tick
+    assert servo.requests[:2] == [Volz.READ_VOLTAGE, Volz.SET_POSITION]  # the first position is sent in the first tick
     assert servo.position == 2048 + 384
     last = feedback[-1]
     assert last.shaft_rad == pytest.approx(384 * COUNT_RAD)
@@ -43,7 +44,8 @@ def test_tick_is_a_position_and_one_reading_in_turn(rig, servo):
     rig.ticks(3)
     servo.requests.clear()
     rig.ticks(99)
-    assert servo.requests == [0xDC, 0xB0, 0xDC, 0xC0, 0xDC, 0xB1] * 33
+    readings = (Volz.READ_CURRENT, Volz.READ_TEMPERATURE, Volz.READ_VOLTAGE) * 33
+    assert servo.requests == [code for reading in readings for code in (Volz.SET_POSITION, reading)]
 
 
 def test_positions_are_sent_if_replies_are_read_only_at_ticks(fakes, servo, line):
@@ -51,7 +53,7 @@ def test_positions_are_sent_if_replies_are_read_only_at_ticks(fakes, servo, line
     rig.ticks(30)
     servo.requests.clear()
     rig.ticks(30)
-    assert servo.requests.count(0xDC) >= 18
+    assert servo.requests.count(Volz.SET_POSITION) >= 18
     assert len(set(servo.requests)) == 4
 
 
@@ -96,7 +98,7 @@ def test_released_servo_is_read_without_positions(rig, servo):
     rig.ticks(3, shaft_deg=5.0)
     servo.requests.clear()
     feedback = rig.ticks(6, shaft_deg=30.0, torque_on=False)
-    assert 0xDC not in servo.requests
+    assert Volz.SET_POSITION not in servo.requests
     assert len(servo.requests) >= 6
     assert feedback[-1].torque_on is None
     assert feedback[-1].shaft_rad is None
@@ -108,15 +110,15 @@ def test_only_readings_are_sent_before_the_first_command(servo, line):
     rudder = volz_rudder(line, VolzOptions())
     for tick in range(100):
         rudder.receive(0.02 * tick)
-    assert 0xDC not in servo.requests
+    assert Volz.SET_POSITION not in servo.requests
     assert 3 <= len(servo.requests) < 40
     assert rudder.health(2.0).state is DeviceState.RUNNING
 
 
 def test_values_out_of_range_are_rejected(rig, servo):
     rig.ticks(4)
-    servo.values[0xC0] = (255, 0)
-    servo.values[0xB1] = (0, 0)
+    servo.values[Volz.READ_TEMPERATURE] = (255, 0)
+    servo.values[Volz.READ_VOLTAGE] = (0, 0)
     feedback = rig.ticks(3)
     assert feedback[-1].temperature_c is None
     assert feedback[-1].voltage_v is None

@@ -19,18 +19,25 @@ def test_counts_are_limited(angle_deg, counts):
 
 
 def test_replies_are_decoded_between_noise_and_echo(fakes):
-    reply = fakes.volz_frame(0x2C, 1, 0x0F, 0x80)
+    reply = fakes.volz_frame(frames.POSITION_REPLY, 1, 0x0F, 0x80)
     stream = (
-        b"\x2c\x01" + frames.set_position(1, 0.3) + b"\x00\x2c" + reply + fakes.volz_frame(0x30, 2, 1, 1) + reply[:3]
+        b"\x2c\x01"
+        + frames.set_position(1, 0.3)
+        + b"\x00\x2c"
+        + reply
+        + fakes.volz_frame(frames.CURRENT_REPLY, 2, 1, 1)
+        + reply[:3]
     )
     parser = frames.ReplyParser(1)
     replies = [reply for byte in stream for reply in parser.feed(bytes((byte,)))]
-    assert [(reply.code, math.degrees(reply.shaft_rad())) for reply in replies] == [(0x2C, pytest.approx(100.0))]
+    assert [(reply.code, math.degrees(reply.shaft_rad())) for reply in replies] == [
+        (frames.POSITION_REPLY, pytest.approx(100.0))
+    ]
     assert parser.pending < frames.FRAME_SIZE
 
 
 def test_wrong_checksum_is_counted(fakes):
-    reply = bytearray(fakes.volz_frame(0x31, 1, 140, 0))
+    reply = bytearray(fakes.volz_frame(frames.VOLTAGE_REPLY, 1, 140, 0))
     reply[2] ^= 1
     parser = frames.ReplyParser(1)
     assert parser.feed(bytes(reply)) == []
@@ -40,12 +47,14 @@ def test_wrong_checksum_is_counted(fakes):
 
 
 def test_values_of_replies():
-    assert frames.Reply(0x2C, 0x00, 0x80).shaft_rad() == pytest.approx(math.radians(-100.0))
-    assert frames.Reply(0x2C, 0x0F, 0xFF).shaft_rad() == pytest.approx(math.radians(100.0 * 2047 / 1920))
-    assert frames.Reply(0x2C, 0x10, 0x00).shaft_rad() is None
-    assert frames.Reply(0x30, 30, 5).current_a() == pytest.approx(0.7)
-    assert frames.Reply(0x31, 0, 140).voltage_v() == pytest.approx(28.0)
-    assert frames.Reply(0x31, 0, 0).voltage_v() is None
-    assert frames.Reply(0x10, 75, 81).temperature_c() == 31.0
-    assert frames.Reply(0x10, 201, 0).temperature_c() is None
-    assert frames.Reply(0x10, 0, 200).temperature_c() == 150.0
+    assert frames.Reply(frames.POSITION_REPLY, 0x00, 0x80).shaft_rad() == pytest.approx(math.radians(-100.0))
+    assert frames.Reply(frames.POSITION_REPLY, 0x0F, 0xFF).shaft_rad() == pytest.approx(
+        math.radians(100.0 * 2047 / 1920)
+    )
+    assert frames.Reply(frames.POSITION_REPLY, 0x10, 0x00).shaft_rad() is None
+    assert frames.Reply(frames.CURRENT_REPLY, 30, 5).current_a() == pytest.approx(0.7)
+    assert frames.Reply(frames.VOLTAGE_REPLY, 0, 140).voltage_v() == pytest.approx(28.0)
+    assert frames.Reply(frames.VOLTAGE_REPLY, 0, 0).voltage_v() is None
+    assert frames.Reply(frames.TEMPERATURE_REPLY, 75, 81).temperature_c() == 31.0
+    assert frames.Reply(frames.TEMPERATURE_REPLY, 201, 0).temperature_c() is None
+    assert frames.Reply(frames.TEMPERATURE_REPLY, 0, 200).temperature_c() == 150.0
