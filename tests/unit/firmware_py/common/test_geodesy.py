@@ -155,8 +155,8 @@ def test_track_agrees_with_the_formulas_of_spherical_trigonometry(start, end, he
     assert position.cross_track_m == pytest.approx(cross_track_rad * 6371008.8, abs=1.0)
     along_m = 6371008.8 * math.atan2(math.sin(angle_rad) * math.cos(bearing_rad - course_rad), math.cos(angle_rad))
     if abs(cross_track_rad) < 1.5:
-        difference_m = (position.remaining_m + along_m - length_m) / 6371008.8
-        assert math.remainder(difference_m, 2 * math.pi) == pytest.approx(0.0, abs=1e-5)
+        difference_rad = (position.remaining_m + along_m - length_m) / 6371008.8
+        assert math.remainder(difference_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_course_of_a_track_is_that_at_the_nearest_point_of_the_line():

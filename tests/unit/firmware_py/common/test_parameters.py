@@ -18,7 +18,7 @@ def test_set_is_immutable_and_compared_by_value():
     assert changed != base
     assert changed.replaced("CTL_K1", 40.0) == base
     assert hash(changed.replaced("CTL_K1", 40.0)) == hash(base)
-    assert changed.replaced("CTL_K1", 33.3) is changed  # who compares by identity sees no change
+    assert changed.replaced("CTL_K1", 33.3) is changed  # a comparison by identity shows no change
     with pytest.raises(ParameterError, match="1 values for"):
         ParameterSet([1.0])
 

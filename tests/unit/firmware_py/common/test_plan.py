@@ -35,7 +35,10 @@ items = st.builds(
     y=ints,
     z=singles,
 )
-HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
+WAYPOINT, INCLUDED_CIRCLE = 16, 5003  # MAV_CMD
+RELATIVE_ALTITUDE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
+HERE = PlanItem(WAYPOINT, RELATIVE_ALTITUDE, x=360_000_000, y=1_210_000_000)
 
 
 def test_identity_is_zero_for_an_empty_plan_and_differs_for_each_change():
@@ -43,11 +46,16 @@ def test_identity_is_zero_for_an_empty_plan_and_differs_for_each_change():
     assert Plans() == Plans(*(Plan.of(kind, ()) for kind in PlanKind))
     plan = Plan.of(PlanKind.MISSION, (HERE, HERE))
     assert plan.identity != 0
-    assert Plan.of(PlanKind.MISSION, (PlanItem(16, y=762_503_330),)).identity == 1  # the CRC of this item is 0
+    zero_crc = PlanItem(WAYPOINT, y=762_503_330)
+    assert Plan.of(PlanKind.MISSION, (zero_crc,)).identity == 1
     assert repr(HERE) in repr(plan)
-    others = [(HERE,), (HERE, PlanItem(16, 6, x=360_000_001, y=1_210_000_000)), (HERE, HERE, HERE)]
+    others = [
+        (HERE,),
+        (HERE, PlanItem(WAYPOINT, RELATIVE_ALTITUDE, x=360_000_001, y=1_210_000_000)),
+        (HERE, HERE, HERE),
+    ]
     assert all(Plan.of(PlanKind.MISSION, other) != plan for other in others)
-    unused = PlanItem(16, 6, params=(0.0, 0.0, 0.0, math.nan))
+    unused = PlanItem(WAYPOINT, RELATIVE_ALTITUDE, params=(0.0, 0.0, 0.0, math.nan))
     assert Plan.of(PlanKind.MISSION, (unused,)) == Plan.of(PlanKind.MISSION, (unused,))
 
 
@@ -87,7 +95,7 @@ def test_damaged_text_is_rejected():
 )
 def test_place_of_an_item(x, y, place_deg):
     expected = None if place_deg is None else Place(*map(math.radians, place_deg))
-    place = place_of(PlanItem(16, x=x, y=y))
+    place = place_of(PlanItem(WAYPOINT, x=x, y=y))
     assert place == expected or msgspec.structs.astuple(place) == pytest.approx(msgspec.structs.astuple(expected))
 
 
@@ -100,7 +108,8 @@ def test_parameter_of_an_item_is_limited_and_nan_counts_as_0():
 
 
 def test_mission_items_of_ardupilot_ground_stations_count_from_1():
-    assert [[first_item_number(identity, kind) for kind in PlanKind] for identity in (0, 3)] == [[0, 0, 0], [1, 0, 0]]
+    assert [first_item_number(0, kind) for kind in PlanKind] == [0, 0, 0]
+    assert [first_item_number(ARDUPILOT, kind) for kind in PlanKind] == [1, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -123,17 +132,22 @@ def test_unknown_parts_of_a_stored_plan_are_ignored_and_reported(changes, notes)
 
 
 def test_replaced_plan_does_not_change_the_others():
-    fence = Plan.of(PlanKind.FENCE, (PlanItem(5003),))
+    fence = Plan.of(PlanKind.FENCE, (PlanItem(INCLUDED_CIRCLE),))
     plans = Plans().replaced(fence)
     assert plans.of(PlanKind.FENCE) is fence
     assert (plans.mission, plans.rally) == (Plans().mission, Plans().rally)
 
 
 def test_numbers_are_rounded_to_mavlink_precision_or_rejected():
-    (item,) = Plan.of(PlanKind.MISSION, (PlanItem(16, params=(0.1, 0.0, -math.nan, 0.0), z=1e-60),)).items
+    (item,) = Plan.of(PlanKind.MISSION, (PlanItem(WAYPOINT, params=(0.1, 0.0, -math.nan, 0.0), z=1e-60),)).items
     assert item.params[0] == struct.unpack("f", struct.pack("f", 0.1))[0]
     assert item.z == 0.0
-    for invalid in (PlanItem(16, z=1e300), PlanItem(16, x=2**31), PlanItem(70_000), PlanItem(16, frame=-1)):
+    for invalid in (
+        PlanItem(WAYPOINT, z=1e300),
+        PlanItem(WAYPOINT, x=2**31),
+        PlanItem(70_000),
+        PlanItem(WAYPOINT, frame=-1),
+    ):
         with pytest.raises(struct.error):
             Plan.of(PlanKind.MISSION, (invalid,))
 

@@ -5,6 +5,7 @@ from msgspec.structs import replace
 
 from firmware_py.common import vessels
 from firmware_py.common.vessels import (
+    STATUS_DISTRESS,
     Vessel,
     VesselIdentity,
     VesselKind,
@@ -44,7 +45,7 @@ def test_merged_identity_keeps_what_the_later_message_does_not_contain():
         (replace(NEAR, beside_s=100.1), True, True),
         (replace(NEAR, beside_s=None), True, True),
         (replace(NEAR, beside_s=None, own=True), False, False),
-        (replace(NEAR, beside_s=None, position=replace(NEAR.position, status=14)), False, False),
+        (replace(NEAR, beside_s=None, position=replace(NEAR.position, status=STATUS_DISTRESS)), False, False),
         (replace(NEAR, beside_s=None, position=replace(NEAR.position, mmsi=970_000_001)), False, False),
     ],
 )
