@@ -11,6 +11,7 @@ from firmware_py.plans.items import Command
 
 
 def rows_of(kind, plan, identity=3):
+    """Return the messages of a plan, without the time; identity 3 is that of ArduPilot."""
     data = encode_plan(2.5, plan, identity)
     layout = Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
     rows = [layout.unpack(data, offset) for offset in range(0, len(data), layout.length)]
@@ -26,12 +27,12 @@ def test_positions_have_seven_decimals_and_numbers_no_multiplier():
 
 def test_mission_items_are_numbered_from_home():
     items = [
-        PlanItem(16, 3, params=(1.0, 2.0, 3.0, 4.0), x=11, y=-12, z=5.0),
-        PlanItem(177, 2, params=(0.0, 7.0, 0.0, 0.0), x=13, y=14, z=6.0),
+        PlanItem(Command.WAYPOINT, 3, params=(1.0, 2.0, 3.0, 4.0), x=11, y=-12, z=5.0),
+        PlanItem(Command.JUMP, 2, params=(0.0, 7.0, 0.0, 0.0), x=13, y=14, z=6.0),
     ]
     assert rows_of(MISSION_ITEM, Plan.of(PlanKind.MISSION, items)) == [
-        (3, 1, 16, 1.0, 2.0, 3.0, 4.0, 11, -12, 5.0, 3),
-        (3, 2, 177, 1.0, 7.0, 0.0, 0.0, 0, 0, 6.0, 2),  # DO_JUMP has a target and no position
+        (3, 1, Command.WAYPOINT, 1.0, 2.0, 3.0, 4.0, 11, -12, 5.0, 3),
+        (3, 2, Command.JUMP, 1.0, 7.0, 0.0, 0.0, 0, 0, 6.0, 2),  # it has a target and no position
     ]
 
 
@@ -51,5 +52,5 @@ def test_fence_items_have_the_types_of_ardupilot(command, kind, count, radius_m)
 
 
 def test_rally_points_have_their_altitude():
-    items = [PlanItem(5100, 3, x=11, y=-12, z=1.5), PlanItem(5100, 3, x=13, y=14, z=2.5)]
+    items = [PlanItem(Command.RALLY_POINT, 3, x=11, y=-12, z=1.5), PlanItem(Command.RALLY_POINT, 3, x=13, y=14, z=2.5)]
     assert rows_of(RALLY, Plan.of(PlanKind.RALLY, items)) == [(2, 0, 11, -12, 1.5, 0), (2, 1, 13, 14, 2.5, 0)]

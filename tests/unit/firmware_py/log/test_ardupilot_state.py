@@ -23,6 +23,9 @@ from firmware_py.log.dataflash import Format
 from support.full_log import ESTIMATE, inputs_of, snapshot_of, write_log
 from support.graphs import count_graphs
 
+# Events of ArduPilot (LogEvent).
+ARMED, DISARMED, HOME_SET, FENCE_ENABLED = 10, 11, 25, 41
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
@@ -53,9 +56,9 @@ def test_plans_faults_and_changes_of_state_are_logged(rows):
     fence = [(4, 0, 98, 3, 0.0), (4, 1, 98, 3, 0.0), (4, 2, 98, 3, 0.0), (4, 3, 93, 0, 50.0)]
     assert rows("FNCE", "Tot", "Seq", "Type", "Count", "Radius") == fence
     assert rows("RALY", "Tot", "Seq", "Lat", "Lng", "Alt") == [(1, 0, 1.1e-6, 1.2e-6, 1.0)]
-    assert rows("EV", "Id") == [(11,), (25,), (10,), (41,)]
+    assert rows("EV", "Id") == [(DISARMED,), (HOME_SET,), (ARMED,), (FENCE_ENABLED,)]
     assert rows("ARM", "ArmState") == [(0,), (1,)]
-    assert rows("ERR", "Subsys", "ECode") == [(9, 1), (9, 0)]
+    assert rows("ERR", "Subsys", "ECode") == [(9, 1), (9, 0)]  # fence failsafe
     version = (0, 1, 2, 3, 0, 0x0123ABCD, "rambler 1.2.3.dev0 (git 0123abcd-dirty)", 1)
     assert rows("VER", "BT", "Maj", "Min", "Pat", "FWT", "GH", "FWS", "BU") == [version]
 
@@ -95,7 +98,9 @@ def test_values_of_a_tick_have_the_units_of_ardupilot():
     )  # fmt: skip
     east_m = 637.10088 * math.cos(0.69995)
     assert_messages(messages, [
-        ("ARM", (1, 1, 0, 2)), ("EV", (10,)), ("STAT", (1, 1.0, 1, 0)), ("EV", (25,)), ("EV", (41,)), ("ERR", (3, 1)),
+        ("ARM", (1, 1, 0, 2)), ("EV", (ARMED,)), ("STAT", (1, 1.0, 1, 0)),
+        ("EV", (HOME_SET,)), ("EV", (FENCE_ENABLED,)),
+        ("ERR", (3, 1)),  # compass
         ("ATT", (0.0, 5.72958, 0.0, -11.45916, 114.59156, 57.29578, 0)),
         ("POS", (*place, 3.0, 2.0, 2.0)),
         ("XKF1", (0, 5.72958, -11.45916, 58.44170, 0.4 * math.cos(1.07) + 0.2, 0.4 * math.sin(1.07) - 0.1, 0.0, 0.0,
@@ -107,7 +112,7 @@ def test_values_of_a_tick_have_the_units_of_ardupilot():
         ("NTUN", (40.0, 68.75494, 114.59156, 57.29578, 1.5)),
         ("RCIN", (0, *NO_CHANNELS)),
         ("STAT", (1, 1.0, 1, 0)), ("THR", (0.0, 0.0, 0.5, 0.4)), ("ARSP", (0, 0.4)),
-        ("XKF4", (0, 0.0, 0.0, 0.0, 0.8, 0.0, 19, 0, 0)),
+        ("XKF4", (0, 0.0, 0.0, 0.0, 0.8, 0.0, 1 | 2 | 16, 0, 0)),  # attitude, horizontal velocity and position
         ("AHR2", (5.72958, -11.45916, 57.29578, 3.0, *place)),
         ("BAT", (0, 12.9, 12.9, 0.5, 0.0138889, 15.0, 80.0)),
         ("BAT", (1, 12.0, 12.0, 0.2, 0.00555556, 31.0, NAN)),
@@ -128,7 +133,7 @@ def test_unknown_and_impossible_values_are_nan_or_zero():
         navigation=Navigation(),
     )  # fmt: skip
     assert_messages(messages, [
-        ("ARM", (0, 1, 0, 2)), ("EV", (11,)), ("STAT", (0, 0.0, 0, 0)),
+        ("ARM", (0, 1, 0, 2)), ("EV", (DISARMED,)), ("STAT", (0, 0.0, 0, 0)),
         ("ATT", (0.0, 0.0, 0.0, 0.0, NAN, 57.29578, 0)),
         ("POS", (0, 0, 0.0, 0.0, 0.0)),
         ("XKF1", (0, 0.0, 0.0, 57.29578, NAN, NAN, 0.0, 0.0, NAN, NAN, 0.0, NAN)),

@@ -83,7 +83,7 @@ def test_texts_of_any_length_are_read_back(text):
 def test_a_text_with_a_missing_piece_or_a_wrong_length_is_refused():
     data, size = ROW_WITH_TEXT.pack_text(1.0, RECORD, "x" * 150), ROW_WITH_TEXT.type.size
     wrong_length = bytearray(ROW_WITH_TEXT.pack_text(1.0, RECORD, "x"))
-    wrong_length[-65] = 65
+    wrong_length[-65] = 65  # the column Len, before the 64 bytes of the text
     for damaged in (data[size:], data[:size] + data[2 * size :], bytes(wrong_length)):
         with pytest.raises(ValueError, match="missing"):
             read_all(ROW_WITH_TEXT, damaged)

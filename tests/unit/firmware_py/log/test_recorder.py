@@ -240,7 +240,7 @@ def test_an_unwritable_directory_is_a_fault_and_no_exception(tmp_path, fake):
     assert health.text.startswith("log: ")
 
 
-def test_the_writer_gets_a_file_less_than_the_total_and_writes_each_second(tmp_path, fake, monkeypatch):
+def test_closed_logs_have_the_total_size_less_one_file_and_ticks_are_written_each_second(tmp_path, fake, monkeypatch):
     writers = []
     monkeypatch.setattr(recorder_module, "LogWriter", lambda *_words, **options: writers.append(options))
     fake.make_recorder(tmp_path, file_bytes=300, max_total_bytes=1000, min_free_bytes=7)

@@ -180,14 +180,16 @@ def test_the_next_run_continues_the_file_without_a_truncated_record(tmp_path, ta
 
 @pytest.mark.parametrize(("missing_rows", "names"), [(1, ["00000001.BIN"]), (0, ["00000001.BIN", "00000002.BIN"])])
 def test_a_file_of_a_mebibyte_is_full_and_all_files_have_at_most_100_mb(tmp_path, monkeypatch, missing_rows, names):
-    rooms = []
-    monkeypatch.setattr(thin_file.LocalDisk, "prune", lambda _self, _directory, limit_bytes: rooms.append(limit_bytes))
+    limits_bytes = []
+    monkeypatch.setattr(
+        thin_file.LocalDisk, "prune", lambda _self, _directory, limit_bytes: limits_bytes.append(limit_bytes)
+    )
     write_runs(tmp_path, "one")
     full = math.ceil((1_048_576 - len(HEAD)) / len(row("x")))
     (tmp_path / "thin/00000001.BIN").write_bytes(HEAD + row("x") * (full - missing_rows))
     write_runs(tmp_path, "two")
     assert list(content(tmp_path)) == names
-    assert set(rooms) == {100_000_000 - 1_048_576}
+    assert set(limits_bytes) == {100_000_000 - 1_048_576}
 
 
 def test_a_full_file_and_one_of_another_version_are_not_continued(tmp_path, monkeypatch):
