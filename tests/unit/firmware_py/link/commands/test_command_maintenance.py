@@ -11,13 +11,16 @@ from firmware_py.common.records import Calibration, CalibrationState, RudderFeed
 from firmware_py.link.commands.server import CommandRow, PendingCommand
 from support.link import results
 
-ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)  # MAV_RESULT
+CALIBRATE, STORE = mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, mavlink.MAV_CMD_PREFLIGHT_STORAGE
+ALIGN_COMPASS, START_SWING = 42006, 42424  # FIXED_MAG_CAL_YAW, DO_START_MAG_CAL of ArduPilot
+COMMAND_CANCEL = 80  # message id
 BENCH = {"armed": False, "servo": RudderFeedback(0.0, 0.1)}
 
 
 def test_present_rudder_angle_becomes_amidships(rig, texts):
     rig.tick(**BENCH)
-    replies = rig.command(241, 0, 0, 0, 2)
+    replies = rig.command(CALIBRATE, 0, 0, 0, 2)
     assert results(replies) == [ACCEPTED]
     assert texts(replies) == ["RUD_CENTRE_DEG is now 5.73"]
     centre, bench = rig.request_handler.intents
@@ -31,7 +34,7 @@ def test_present_rudder_angle_becomes_amidships(rig, texts):
 )
 def test_rudder_centre_is_refused_armed_or_without_an_angle(rig, changes):
     rig.tick(**{**BENCH, "servo": None, **changes})
-    assert results(rig.command(241, 0, 0, 0, 2)) == [REJECTED]
+    assert results(rig.command(CALIBRATE, 0, 0, 0, 2)) == [REJECTED]
     assert rig.request_handler.intents == []
 
 
@@ -40,14 +43,14 @@ def test_rudder_centre_is_refused_armed_or_without_an_angle(rig, changes):
 )
 def test_other_calibrations_are_refused_with_a_remedy(rig, texts, values):
     rig.tick(**BENCH)
-    replies = rig.command(241, *values)
+    replies = rig.command(CALIBRATE, *values)
     assert results(replies) == [UNSUPPORTED]
     assert "FIXED_MAG_CAL_YAW" in texts(replies)[0]
     assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize("has_compass", [True, False])
-@pytest.mark.parametrize("command", [(241, 0, 0, 0, 2), (241, 0, 1), (42006, 10), (42424, 1)])
+@pytest.mark.parametrize("command", [(CALIBRATE, 0, 0, 0, 2), (CALIBRATE, 0, 1), (ALIGN_COMPASS, 10), (START_SWING, 1)])
 def test_calibration_is_refused_before_the_first_tick(make_rig, command, has_compass):
     rig = make_rig()
     if has_compass:
@@ -56,7 +59,7 @@ def test_calibration_is_refused_before_the_first_tick(make_rig, command, has_com
 
 
 def test_calibration_of_nothing_is_accepted(rig):
-    assert results(rig.command(241)) == results(rig.command(241, math.nan, math.nan)) == [ACCEPTED]
+    assert results(rig.command(CALIBRATE)) == results(rig.command(CALIBRATE, math.nan, math.nan)) == [ACCEPTED]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +69,7 @@ def test_calibration_of_nothing_is_accepted(rig):
 def test_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
     rig.request_handler.values = rig.request_handler.values.replaced("CMP_OFFSET_DEG", 5.0)
     rig.tick(armed=False, heading_rad=1.0)
-    assert results(rig.command(42006, yaw_deg, 0, 0, 0)) == [ACCEPTED]
+    assert results(rig.command(ALIGN_COMPASS, yaw_deg, 0, 0, 0)) == [ACCEPTED]
     assert rig.request_handler.values["CMP_OFFSET_DEG"] == pytest.approx(offset_deg, abs=1e-4)
 
 
@@ -81,29 +84,29 @@ def test_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
 )  # fmt: skip
 def test_alignment_is_refused_for_invalid_values_or_state(rig, values, changes, result):
     rig.tick(**{"armed": False, **changes})
-    assert results(rig.command(42006, *values)) == [result]
+    assert results(rig.command(ALIGN_COMPASS, *values)) == [result]
     assert rig.request_handler.intents == []
 
 
 def test_storage_is_acknowledged_after_storing(rig, texts):
-    assert results(rig.command(245, 0)) == results(rig.command(245, 0, 1)) == [ACCEPTED]
+    assert results(rig.command(STORE, 0)) == results(rig.command(STORE, 0, 1)) == [ACCEPTED]
     rig.request_handler.at_once = False
-    assert results(rig.command(245, 1)) == []
+    assert results(rig.command(STORE, 1)) == []
     rig.request_handler.waiting.pop()(True)
     replies = rig.replies()
     assert (results(replies), texts(replies)) == ([ACCEPTED], ["All settings stored"])
-    rig.command(245, 1)
+    rig.command(STORE, 1)
     rig.request_handler.waiting.pop()(False)
     assert results(rig.replies()) == [FAILED]
 
 
 def test_reset_of_the_parameters_takes_effect_at_the_next_start(rig, texts):
-    replies = rig.command(245, 2, -1)
+    replies = rig.command(STORE, 2, -1)
     assert results(replies) == [ACCEPTED]
     assert "at the next start" in texts(replies)[0]
     assert rig.request_handler.intents == [ForgetParameters()]
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "armed")
-    assert results(rig.command(245, 2)) == [REJECTED]
+    assert results(rig.command(STORE, 2)) == [REJECTED]
 
 
 @pytest.mark.parametrize(
@@ -111,7 +114,7 @@ def test_reset_of_the_parameters_takes_effect_at_the_next_start(rig, texts):
     [((3,), DENIED), ((math.nan,), DENIED), ((-1,), DENIED), ((0, 2), UNSUPPORTED), ((0, -2), UNSUPPORTED)],
 )
 def test_invalid_storage_values_are_refused(rig, values, result):
-    assert results(rig.command(245, *values)) == [result]
+    assert results(rig.command(STORE, *values)) == [result]
     assert rig.request_handler.intents == []
 
 
@@ -120,12 +123,12 @@ def test_invalid_storage_values_are_refused(rig, values, result):
 
 def test_long_command_sends_progress_until_its_end(rig):
     rig.request_handler.at_once = False
-    assert results(rig.command(245, 1)) == []
+    assert results(rig.command(STORE, 1)) == []
     replies = rig.ticks(25)
     assert results(replies) == [IN_PROGRESS] * 3
     assert {ack.progress for ack in replies if ack.get_type() == "COMMAND_ACK"} == {255}
-    assert results(rig.command(245, 1, confirmation=1)) == [IN_PROGRESS]  # a retry
-    assert results(rig.command(245, 1)) == [REJECTED]  # a new command
+    assert results(rig.command(STORE, 1, confirmation=1)) == [IN_PROGRESS]  # a retry
+    assert results(rig.command(STORE, 1)) == [REJECTED]  # a new command
     rig.request_handler.waiting.pop(0)(True)
     assert results(rig.replies()) == [ACCEPTED]
     assert results(rig.ticks(30)) == []
@@ -134,10 +137,10 @@ def test_long_command_sends_progress_until_its_end(rig):
 def test_storage_has_no_timeout(rig, texts):
     """A disk that hangs may still store the parameters."""
     rig.request_handler.at_once = False
-    rig.command(245, 1)
+    rig.command(STORE, 1)
     replies = [*rig.tick(seconds=31.0), *rig.tick(seconds=3600.0)]
     assert results(replies) == [IN_PROGRESS] * 2
-    assert results(rig.command(245, 1, confirmation=1)) == [REJECTED]  # long after the first: a new command
+    assert results(rig.command(STORE, 1, confirmation=1)) == [REJECTED]  # long after the first: a new command
     (finish_storing,) = rig.request_handler.waiting
     finish_storing(True)
     replies = rig.replies()
@@ -146,14 +149,14 @@ def test_storage_has_no_timeout(rig, texts):
 
 
 def test_long_command_fails_once_after_its_timeout(rig, compass, texts):
-    rig.command(241, 0, 1)
+    rig.command(CALIBRATE, 0, 1)
     replies = rig.tick(seconds=901.0, **BENCH)
     assert (results(replies), texts(replies)[-1]) == ([FAILED], "PREFLIGHT_CALIBRATION: not done in time")
     assert results(rig.ticks(30)) == []
 
 
 def test_number_of_long_commands_is_limited_to_eight(rig, texts):
-    server = rig.endpoint._handlers[76].__self__
+    server = rig.endpoint._handlers[mavlink.MAVLINK_MSG_ID_COMMAND_LONG].__self__
     server._rows = {n: CommandRow(n, "LONG", lambda *_: PendingCommand(timeout_s=60.0), "") for n in range(1, 10)}
     assert [results(rig.command(number)) for number in range(1, 9)] == [[]] * 8
     replies = rig.command(9)
@@ -162,13 +165,13 @@ def test_number_of_long_commands_is_limited_to_eight(rig, texts):
 
 def test_failure_of_the_disk_is_reported(rig, texts):
     rig.request_handler.at_once = False
-    encode_text = {
-        (241, 0, 0, 0, 2): "PREFLIGHT_CALIBRATION: RUD_CENTRE_DEG active but not stored",
-        (245, 1): "PREFLIGHT_STORAGE: not all stored; retrying",
-        (245, 2): "PREFLIGHT_STORAGE: not stored, parameters unchanged",
+    text_of_command = {
+        (CALIBRATE, 0, 0, 0, 2): "PREFLIGHT_CALIBRATION: RUD_CENTRE_DEG active but not stored",
+        (STORE, 1): "PREFLIGHT_STORAGE: not all stored; retrying",
+        (STORE, 2): "PREFLIGHT_STORAGE: not stored, parameters unchanged",
     }
     rig.tick(**BENCH)
-    for (number, *values), text in encode_text.items():
+    for (number, *values), text in text_of_command.items():
         rig.command(number, *values)
         rig.request_handler.waiting.pop()(False)
         replies = rig.replies()
@@ -177,14 +180,14 @@ def test_failure_of_the_disk_is_reported(rig, texts):
 
 def test_cancel_of_storage_has_no_effect(rig):
     rig.request_handler.at_once = False
-    rig.command(245, 1)
-    assert rig.send(cancel_message(245)) == []
+    rig.command(STORE, 1)
+    assert rig.send(cancel_message(STORE)) == []
     rig.request_handler.waiting.pop()(True)
     assert results(rig.replies()) == [ACCEPTED]
 
 
 def cancel_message(command):
-    return mavlink.mavlink_map[80](1, 1, command)
+    return mavlink.mavlink_map[COMMAND_CANCEL](1, 1, command)
 
 
 def test_pending_command_reports_progress_and_is_cancelled_once():
@@ -203,8 +206,8 @@ def test_pending_command_reports_progress_and_is_cancelled_once():
 
 def test_retry_does_not_set_the_parameter_again(rig):
     rig.tick(armed=False)
-    rig.command(42006, 60)
-    rig.command(42006, 60, confirmation=1)
+    rig.command(ALIGN_COMPASS, 60)
+    rig.command(ALIGN_COMPASS, 60, confirmation=1)
     assert [type(intent) for intent in rig.request_handler.intents] == [SetParameter]
 
 
@@ -245,7 +248,7 @@ def compass(rig):
 
 
 def test_compass_calibration_reports_its_progress_and_end(rig, compass, texts):
-    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn a full circle by hand, ashore"]
+    assert texts(rig.command(CALIBRATE, 0, 1)) == ["Compass calibration: turn a full circle by hand, ashore"]
     acks = [message for message in rig.ticks(10) if message.get_type() == "COMMAND_ACK"]
     assert [(ack.result, ack.progress) for ack in acks] == [(IN_PROGRESS, 25)]
     compass.state = Calibration(CalibrationState.DONE, 100, "Compass calibrated")
@@ -259,19 +262,19 @@ def test_compass_calibration_reports_its_progress_and_end(rig, compass, texts):
     [(Calibration(CalibrationState.FAILED, 100, "score 9"), "score 9"), (Calibration(), "Compass calibration aborted")],
 )
 def test_failed_compass_calibration_reports_the_reason(rig, compass, texts, end, text):
-    rig.command(241, 0, 1)
+    rig.command(CALIBRATE, 0, 1)
     compass.state = end
     replies = rig.tick()
     assert (results(replies), texts(replies)) == ([FAILED], [text])
 
 
 def test_compass_calibration_is_cancelled_by_command_or_timeout(rig, compass):
-    rig.command(241, 0, 1)
-    assert results(rig.send(cancel_message(241))) == [CANCELLED]
+    rig.command(CALIBRATE, 0, 1)
+    assert results(rig.send(cancel_message(CALIBRATE))) == [CANCELLED]
     assert compass.cancel_count == 1
-    assert rig.send(cancel_message(241)) == []
+    assert rig.send(cancel_message(CALIBRATE)) == []
     assert results([message for _ in range(20) for message in rig.tick(armed=False)]) == []
-    rig.command(241, 0, 1)
+    rig.command(CALIBRATE, 0, 1)
     assert results(rig.tick(seconds=901.0)) == [FAILED]
     assert compass.cancel_count == 2
     assert results(rig.ticks(20)) == []
@@ -279,6 +282,6 @@ def test_compass_calibration_is_cancelled_by_command_or_timeout(rig, compass):
 
 def test_compass_calibration_is_refused_armed_or_without_compass(rig, compass):
     compass.is_present = False
-    assert results(rig.command(241, 0, 1)) == [REJECTED]
+    assert results(rig.command(CALIBRATE, 0, 1)) == [REJECTED]
     rig.tick(armed=True)
-    assert results(rig.command(241, 0, 1)) == [REJECTED]
+    assert results(rig.command(CALIBRATE, 0, 1)) == [REJECTED]

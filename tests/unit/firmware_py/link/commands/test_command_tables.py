@@ -16,13 +16,16 @@ from firmware_py.common.intents import (
     SteerHeading,
     SteerPosition,
 )
+from firmware_py.common.mode_table import Mode
 from support.link import results
 
 NAN, INF = math.nan, math.inf
-DENIED, UNSUPPORTED, FAILED = 2, 3, 4
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 BAD = (NAN, INF, -INF, 1e30, -3.4e38)
+# MAV_CMD
 YAW, MODE, HOME, SERVO, REPOSITION, PAUSE, FENCE, YAW_SPEED = 115, 176, 179, 183, 192, 193, 207, 213
 RESTART, STANDARD_MODE, ARM, CHANGE_HEADING = 246, 262, 400, 43002
+FORCE_ARM, FORCE_RESTART = 21196, 20190226
 
 
 def degrees(angle_deg):
@@ -69,22 +72,22 @@ def degrees(angle_deg):
         (RESTART, (1,), Restart()),
         (RESTART, (2,), Restart(shutdown=True)),
         (RESTART, (1, NAN, NAN), Restart()),
-        (RESTART, (1, 0, 0, 0, 0, 20190226), Restart(force=True)),
-        (RESTART, (1, 0, 0, 0, 0, 20190225), Restart()),
-        (STANDARD_MODE, (6,), SetMode(10)),
-        (STANDARD_MODE, (5,), SetMode(11)),
+        (RESTART, (1, 0, 0, 0, 0, FORCE_RESTART), Restart(force=True)),
+        (RESTART, (1, 0, 0, 0, 0, FORCE_RESTART - 1), Restart()),
+        (STANDARD_MODE, (6,), SetMode(Mode.AUTO)),
+        (STANDARD_MODE, (5,), SetMode(Mode.RTL)),
         (ARM, (1, 0), Arm(True)),
         (ARM, (0, 0), Arm(False)),
         (ARM, (1, NAN), Arm(True)),
-        (ARM, (1, 21196), Arm(True, force=True)),
-        (ARM, (0, 21196), Arm(False, force=True)),
+        (ARM, (1, FORCE_ARM), Arm(True, force=True)),
+        (ARM, (0, FORCE_ARM), Arm(False, force=True)),
         (ARM, (1, 2989), Arm(True)),
         (CHANGE_HEADING, (0, 45, NAN), SteerHeading(degrees(45), over_ground=True)),
         (CHANGE_HEADING, (1, 359.5, 3), SteerHeading(degrees(359.5))),
     ],
 )
 def test_valid_command_is_accepted(rig, command, values, intent):
-    assert results(rig.command(command, *values)) == [0]
+    assert results(rig.command(command, *values)) == [ACCEPTED]
     assert rig.request_handler.intents == [intent]
 
 
@@ -110,7 +113,7 @@ REFUSED = {
     (FENCE, DENIED): ((2,), (NAN,), (1, INF), (1, -1), (1, 65536)),
     (FENCE, UNSUPPORTED): ((1, 1), (1, 4), (1, 65535)),
     (YAW_SPEED, DENIED): (*((bad, 0, 0) for bad in BAD), *((1, 0, bad) for bad in BAD), (361, 0, 0), (-361, 0, 0)),
-    (RESTART, 0): ((0,),),
+    (RESTART, ACCEPTED): ((0,),),
     (RESTART, DENIED): ((3,), (4,), (NAN,), (-1,)),
     (RESTART, UNSUPPORTED): ((1, 1), (0, 2), (1, 0, 1), (1, INF)),
     (STANDARD_MODE, FAILED): ((0,), (1,), (7,), (99,), (-1,), (0.5,), (NAN,), (INF,)),
@@ -145,9 +148,9 @@ def home(*, frame=0, x=450_000_000, y=-1_200_000_000, z=2.0):
 
 
 def test_command_int_has_positions_as_integers(rig):
-    assert results(rig.send(reposition(401_000_000, -115_000_000))) == [0]
-    assert results(rig.send(home())) == [0]
-    assert results(rig.command(HOME, 0, 0, 0, NAN, 45.0, -120.0, 2.0)) == [0]
+    assert results(rig.send(reposition(401_000_000, -115_000_000))) == [ACCEPTED]
+    assert results(rig.send(home())) == [ACCEPTED]
+    assert results(rig.command(HOME, 0, 0, 0, NAN, 45.0, -120.0, 2.0)) == [ACCEPTED]
     goal, by_int, by_long = rig.request_handler.intents
     assert goal == SteerPosition(degrees(40.1), degrees(-11.5), change_mode=True)
     assert by_int == by_long == SetHome(degrees(45), degrees(-120), 2.0)

@@ -6,9 +6,12 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetMode, Verdict
+from firmware_py.common.mode_table import Mode
 
-ARM, SET_MODE = 400, 176
-ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)
+ARM, YAW, YAW_SPEED = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_CONDITION_YAW, 213
+REPOSITION, MISSION_START, REQUEST = mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_CMD_MISSION_START, 512
+AUTOPILOT_VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)  # MAV_RESULT
 
 
 def only_ack(messages):
@@ -100,10 +103,10 @@ def int_frame(rig, number, *values, x=0, y=0):
 
 
 def test_duplicate_frame_is_executed_once_and_acknowledged_twice(rig):
-    frame = rig.frame(command_long(115, 10, 0, 1, 1))
+    frame = rig.frame(command_long(YAW, 10, 0, 1, 1))
     assert [ack.result for ack in rig.give(frame + frame)] == [ACCEPTED, ACCEPTED]
     assert len(rig.request_handler.requests) == 1
-    frame = int_frame(rig, 300)
+    frame = int_frame(rig, MISSION_START)
     assert [only_ack(rig.give(frame)).result for _ in range(2)] == [DENIED, DENIED]
 
 
@@ -122,10 +125,10 @@ def test_delayed_duplicate_after_the_opposite_command_is_not_executed(rig):
 
 
 def test_duplicate_set_mode_does_not_undo_the_next_one(rig):
-    guided, hold = (rig.frame(mavlink.MAVLink_set_mode_message(1, 1, mode)) for mode in (15, 4))
+    guided, hold = (rig.frame(mavlink.MAVLink_set_mode_message(1, 1, mode)) for mode in (Mode.GUIDED, Mode.HOLD))
     for frame in (guided, hold, guided):
         assert only_ack(rig.give(frame)).result == ACCEPTED
-    assert rig.request_handler.intents == [SetMode(15), SetMode(4)]
+    assert rig.request_handler.intents == [SetMode(Mode.GUIDED), SetMode(Mode.HOLD)]
 
 
 def test_late_end_of_a_command_does_not_change_the_result_of_the_next(rig):
@@ -141,14 +144,14 @@ def test_late_end_of_a_command_does_not_change_the_result_of_the_next(rig):
 def test_relative_command_int_repeated_at_once_is_a_retry(rig):
     for wait_s, expected in ((0.0, 1), (0.5, 1), (1.2, 2)):
         rig.now_s += wait_s
-        assert only_ack(rig.give(int_frame(rig, 115, 10, 0, 1, 1))).result == ACCEPTED
+        assert only_ack(rig.give(int_frame(rig, YAW, 10, 0, 1, 1))).result == ACCEPTED
         assert len(rig.request_handler.requests) == expected
-    rig.give(int_frame(rig, 192, x=10))
-    rig.give(int_frame(rig, 192, x=10))  # not relative: executed again
+    rig.give(int_frame(rig, REPOSITION, x=10))
+    rig.give(int_frame(rig, REPOSITION, x=10))  # not relative: executed again
     assert len(rig.request_handler.requests) == 4
 
 
-RELATIVE = {115: (10, 0, 1, 1), 213: (10, 0, 1)}
+RELATIVE = {YAW: (10, 0, 1, 1), YAW_SPEED: (10, 0, 1)}
 
 
 def turn(number, confirmation=0, angle_deg=10):
@@ -195,18 +198,18 @@ def test_turn_of_a_restarted_script_is_executed(make_rig):
     for number in range(3):
         rig.station.seq = 0
         rig.prove(("script", number))
-        assert only_ack(rig.send(turn(115), address=("script", number))).result == ACCEPTED
+        assert only_ack(rig.send(turn(YAW), address=("script", number))).result == ACCEPTED
         rig.tick(seconds=3.0)
     assert len(rig.request_handler.requests) == 3
 
 
 def test_retry_of_a_message_request_sends_the_message_again(rig, of):
-    rig.command(512, 148)
-    assert len(of(rig.command(512, 148, confirmation=1), "AUTOPILOT_VERSION")) == 1
+    rig.command(REQUEST, AUTOPILOT_VERSION)
+    assert len(of(rig.command(REQUEST, AUTOPILOT_VERSION, confirmation=1), "AUTOPILOT_VERSION")) == 1
 
 
 def test_set_mode_message_is_executed_and_acknowledged(rig):
-    ack = only_ack(rig.send(mavlink.MAVLink_set_mode_message(1, 1, 15)))
-    assert (ack.command, ack.result) == (11, ACCEPTED)
-    assert rig.request_handler.intents == [SetMode(15)]
-    assert rig.send(mavlink.MAVLink_set_mode_message(2, 1, 15)) == []
+    ack = only_ack(rig.send(mavlink.MAVLink_set_mode_message(1, 1, Mode.GUIDED)))
+    assert (ack.command, ack.result) == (mavlink.MAVLINK_MSG_ID_SET_MODE, ACCEPTED)
+    assert rig.request_handler.intents == [SetMode(Mode.GUIDED)]
+    assert rig.send(mavlink.MAVLink_set_mode_message(2, 1, Mode.GUIDED)) == []

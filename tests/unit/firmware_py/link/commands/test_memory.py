@@ -11,19 +11,19 @@ DUPLICATE_S = 10.0
 RETRY_S, SATELLITE_RETRY_S, RELATIVE_RETRY_S, REPEAT_S, OVERTAKEN_S = 5.0, 600.0, 30.0, 1.0, 2.0
 MAX_COMMANDS = 32
 ARM = 400
-STATION = (255, 190)
+STATION = (255, 190)  # system and component
 EPSILON_S = 1e-3
 
 
 class Peer:
     """The attributes of a peer that the memory reads."""
 
-    def __init__(self, *, quiet=False):
-        self.is_satellite = quiet
+    def __init__(self, *, is_satellite=False):
+        self.is_satellite = is_satellite
         self.path = PeerPath(None, 0.0)
 
 
-RADIO, SATELLITE = Station(Peer(), STATION), Station(Peer(quiet=True), STATION)
+RADIO, SATELLITE = Station(Peer(), STATION), Station(Peer(is_satellite=True), STATION)
 ON = CommandRecord(1000.0, 7, b"on", is_int=True, station=RADIO)
 OFF = replace(ON, content=b"off")
 
@@ -54,7 +54,9 @@ def test_recent_frame_without_a_later_sequence_number_is_a_duplicate(sequence, a
     assert find_original(replace(new, t_s=1000.0 + OVERTAKEN_S), record) is None
 
 
-@pytest.mark.parametrize(("peer", "max_age_s"), [(Peer(), RELATIVE_RETRY_S), (Peer(quiet=True), SATELLITE_RETRY_S)])
+@pytest.mark.parametrize(
+    ("peer", "max_age_s"), [(Peer(), RELATIVE_RETRY_S), (Peer(is_satellite=True), SATELLITE_RETRY_S)]
+)
 @pytest.mark.parametrize("others", [(), (OFF,)])
 def test_retry_of_a_relative_command_is_detected_longer_and_on_any_path(peer, max_age_s, others):
     retry = replace(ON, sequence=99, station=Station(peer, STATION))

@@ -15,10 +15,14 @@ YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored
 VELOCITY_ONLY = 0b1101_1110_0111
 POSITION_ONLY = 0b1101_1111_1000
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, math.radians(40), math.radians(10)), "position_ok": True}
+# MAV_FRAME
+LOCAL_NED, GLOBAL_RELATIVE_ALT_INT, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD = 1, 6, 7, 8, 9, 12
+RELATIVE_FRAMES = (LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD)
+GLOBAL_FRAMES = (0, 3, 5, 6, 10, 11)  # GLOBAL, GLOBAL_RELATIVE_ALT, GLOBAL_TERRAIN_ALT, and their _INT forms
 METRES_PER_DEGREE = math.radians(1.0) * EARTH_RADIUS_M
 
 
-PITCH_UP = 0.5 * math.acos(0.0098)  # half of the pitch
+HALF_PITCH_RAD = 0.5 * math.acos(0.0098)  # of an attitude that points up so steeply that it has no heading
 
 
 def about(angle_rad):
@@ -29,13 +33,13 @@ def attitude(q, mask=0b0100_0111):
     return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, NAN, NAN, NAN, NAN)
 
 
-def local(mask, *, frame=1, x=0.0, y=0.0, vx=0.0, vy=0.0, yaw=0.0):
+def local(mask, *, frame=LOCAL_NED, x=0.0, y=0.0, vx=0.0, vy=0.0, yaw=0.0):
     return mavlink.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, frame, mask, x, y, NAN, vx, vy, NAN, NAN, NAN, NAN, yaw, NAN
     )
 
 
-def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
+def over_globe(mask, *, frame=GLOBAL_RELATIVE_ALT_INT, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
     return mavlink.MAVLink_set_position_target_global_int_message(
         0, 1, 1, frame, mask, lat, lon, NAN, vx, vy, NAN, NAN, NAN, NAN, yaw, NAN
     )
@@ -76,7 +80,7 @@ def test_heading_goal_is_the_yaw_of_the_attitude(rig, yaw_rad, roll_rad, pitch_r
         attitude((1, 1, 1, 1)),
         attitude((0.989, 0, 0, 0)),
         attitude((1.011, 0, 0, 0)),
-        attitude((math.cos(PITCH_UP), 0, math.sin(PITCH_UP), 0)),
+        attitude((math.cos(HALF_PITCH_RAD), 0, math.sin(HALF_PITCH_RAD), 0)),
         attitude((math.sqrt(0.5), 0, math.sqrt(0.5), 0)),  # bow straight up
         attitude((1, 0, 0, 0), mask=0b1000_0000),
     ],
@@ -115,14 +119,14 @@ def test_each_bit_of_a_mask_ignores_its_field(rig, make, mask, goal):
 
 
 @pytest.mark.parametrize("frame", range(22))
-def test_frames_of_positions(rig, frame):
+def test_positions_are_accepted_in_global_or_local_frames(rig, frame):
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
     rig.send(over_globe(POSITION_ONLY, frame=frame, lat=10**8, lon=10**8))
-    assert len(rig.request_handler.intents) == (frame in (0, 3, 5, 6, 10, 11))
+    assert len(rig.request_handler.intents) == (frame in GLOBAL_FRAMES)
     rig.request_handler.requests.clear()
     rig.send(local(POSITION_ONLY, frame=frame, x=1.0))
-    assert len(rig.request_handler.intents) == (frame in (1, 7, 8, 9, 12))
+    assert len(rig.request_handler.intents) == (frame in (LOCAL_NED, *RELATIVE_FRAMES))
 
 
 @pytest.mark.parametrize(
@@ -149,9 +153,9 @@ def test_values_of_local_targets_have_limits(rig, fields, is_accepted):
     [
         (local(YAW_ONLY, yaw=1.5), SteerHeading(about(1.5))),
         (local(YAW_ONLY, yaw=-1.5), SteerHeading(about(2 * math.pi - 1.5))),
-        (local(YAW_ONLY, frame=9, yaw=0.5), SteerHeading(about(1.5))),  # heading is 1.0
+        (local(YAW_ONLY, frame=BODY_OFFSET_NED, yaw=0.5), SteerHeading(about(1.5))),  # heading is 1.0
         (local(VELOCITY_ONLY, vx=0.0, vy=0.5), SteerHeading(about(math.pi / 2), over_ground=True)),
-        (local(VELOCITY_ONLY, frame=8, vx=0.5), SteerHeading(about(1.0), over_ground=True)),
+        (local(VELOCITY_ONLY, frame=BODY_NED, vx=0.5), SteerHeading(about(1.0), over_ground=True)),
         (over_globe(YAW_ONLY, yaw=1.5), SteerHeading(about(1.5))),
         (over_globe(VELOCITY_ONLY, vx=-1.0, yaw=NAN), SteerHeading(about(math.pi), over_ground=True)),
         (over_globe(0, lat=401_000_000, lon=-15, yaw=1.0), SteerPosition(about(math.radians(40.1)), about(-2.6e-8))),
@@ -166,10 +170,10 @@ def test_position_targets_follow_their_masks(rig, message, goal):
 @pytest.mark.parametrize(
     ("frame", "x", "y", "north_m", "east_m"),
     [
-        (1, 300.0, -200.0, 300.0, -200.0),
-        (7, 300.0, 0.0, 300.0, 0.0),
-        (9, 100.0, 0.0, 54.03, 84.15),
-        (8, 0.0, 100.0, -84.15, 54.03),
+        (LOCAL_NED, 300.0, -200.0, 300.0, -200.0),
+        (LOCAL_OFFSET_NED, 300.0, 0.0, 300.0, 0.0),
+        (BODY_OFFSET_NED, 100.0, 0.0, 54.03, 84.15),
+        (BODY_NED, 0.0, 100.0, -84.15, 54.03),
     ],
 )
 def test_local_positions_are_relative_to_home_or_to_the_boat(rig, frame, x, y, north_m, east_m):
@@ -182,7 +186,7 @@ def test_local_positions_are_relative_to_home_or_to_the_boat(rig, frame, x, y, n
     assert (math.degrees(goal.longitude_rad) - 10.0) * scale == pytest.approx(east_m, abs=0.01)
 
 
-@pytest.mark.parametrize("frame", [1, 7, 9])
+@pytest.mark.parametrize("frame", [LOCAL_NED, LOCAL_OFFSET_NED, BODY_OFFSET_NED])
 def test_local_positions_need_a_position(rig, texts, frame):
     for changes in (
         {},
@@ -197,7 +201,7 @@ def test_local_positions_need_a_position(rig, texts, frame):
 def test_body_frames_need_a_heading(rig, texts):
     for changes in ({"heading_ok": False}, {"heading_rad": None}):
         rig.tick(seconds=100.0, **changes)
-        assert len(texts(rig.send(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
+        assert len(texts(rig.send(local(YAW_ONLY, frame=BODY_OFFSET_NED, yaw=0.5)))) == 1
     assert rig.request_handler.intents == []
 
 
@@ -212,7 +216,7 @@ def test_body_frames_need_a_heading(rig, texts):
         local(0xFFFF, yaw=1.0),
         over_globe(POSITION_ONLY, lat=2**31 - 1),
         over_globe(POSITION_ONLY, lon=-(2**31)),
-        over_globe(POSITION_ONLY, frame=1),
+        over_globe(POSITION_ONLY, frame=LOCAL_NED),
         over_globe(YAW_ONLY, yaw=NAN),
         over_globe(0xFFFF),
     ],
@@ -232,10 +236,10 @@ def test_repeated_refusals_are_reported_once(rig, texts):
 
 @pytest.mark.parametrize(("others", "wait_s", "count"), [(127, 1.9, 128), (128, 1.9, 130), (0, 2.0, 2)])
 def test_relative_goals_are_compared_with_the_last_128_of_two_seconds(rig, others, wait_s, count):
-    goal = rig.frame(local(VELOCITY_ONLY, frame=7, vx=1.0))
+    goal = rig.frame(local(VELOCITY_ONLY, frame=LOCAL_OFFSET_NED, vx=1.0))
     rig.give(goal)
     for _ in range(others):
-        rig.send(local(VELOCITY_ONLY, frame=7, vx=1.0))
+        rig.send(local(VELOCITY_ONLY, frame=LOCAL_OFFSET_NED, vx=1.0))
     rig.now_s += wait_s
     rig.give(goal)
     assert len(rig.request_handler.intents) == count
@@ -243,12 +247,15 @@ def test_relative_goals_are_compared_with_the_last_128_of_two_seconds(rig, other
 
 def test_local_positions_are_refused_near_the_poles(rig, texts):
     rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
-    (text,) = texts(rig.send(local(POSITION_ONLY, frame=7, x=1.0, y=1.0)))
+    (text,) = texts(rig.send(local(POSITION_ONLY, frame=LOCAL_OFFSET_NED, x=1.0, y=1.0)))
     assert text.endswith("local position beyond a pole")
     assert rig.request_handler.intents == []
 
 
-@pytest.mark.parametrize(("frame", "count"), [(1, 2), (7, 1), (8, 1), (9, 1), (12, 1)])
+@pytest.mark.parametrize(
+    ("frame", "count"),
+    [(LOCAL_NED, 2), *((frame, 1) for frame in RELATIVE_FRAMES)],
+)
 def test_relative_goal_that_several_links_repeat_is_executed_once(make_rig, frame, count):
     rig = make_rig(addresses=("one", "two"))
     rig.tick(**FIX)

@@ -6,9 +6,11 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetMissionItem, SetMode, SteerPosition, Verdict
+from firmware_py.common.mode_table import Mode
 
-ARM, SET_MODE_MESSAGE = 400, 11
-ACCEPTED, REJECTED, IN_PROGRESS = 0, 1, 5
+ARM, REQUEST, CHANGE_HEADING = 400, 512, 43002  # MAV_CMD
+SET_MODE_MESSAGE, AUTOPILOT_VERSION = mavlink.MAVLINK_MSG_ID_SET_MODE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+ACCEPTED, REJECTED, IN_PROGRESS = 0, 1, 5  # MAV_RESULT
 STORED, NOT_STORED = 0, 1  # result_param2
 
 
@@ -47,7 +49,7 @@ def test_command_that_cannot_be_stored_is_acknowledged_with_a_text(slow, texts):
 
 
 def test_request_or_refusal_is_acknowledged_at_once(rig, slow):
-    assert acks(slow.command(512, 148.0)) == [(ACCEPTED, STORED)]
+    assert acks(slow.command(REQUEST, AUTOPILOT_VERSION)) == [(ACCEPTED, STORED)]
     slow.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
     assert acks(slow.command(ARM, 1.0)) == [(REJECTED, STORED)]
     slow.request_handler.answer = Answer(Verdict.ACCEPTED)
@@ -95,7 +97,7 @@ def test_long_storing_sends_progress_and_ends_with_a_text(slow, texts):
 
 def test_only_the_latest_of_repeated_commands_sends_progress(slow):
     for number in range(20):
-        assert acks(slow.command(43002, 1.0, float(number))) == []
+        assert acks(slow.command(CHANGE_HEADING, 1.0, float(number))) == []
         assert acks(slow.tick()) == []
     assert acks(slow.ticks(10)) == [(IN_PROGRESS, STORED)]
     for finish_storing in slow.request_handler.waiting:
@@ -104,8 +106,8 @@ def test_only_the_latest_of_repeated_commands_sends_progress(slow):
 
 
 def test_set_mode_message_is_acknowledged_after_storing(slow):
-    assert acks(slow.send(mavlink.MAVLink_set_mode_message(1, 1, 15))) == []
-    assert slow.request_handler.intents == [SetMode(15)]
+    assert acks(slow.send(mavlink.MAVLink_set_mode_message(1, 1, Mode.GUIDED))) == []
+    assert slow.request_handler.intents == [SetMode(Mode.GUIDED)]
     slow.request_handler.waiting.pop()(True)
     (ack,) = slow.replies()
     assert (ack.command, ack.result) == (SET_MODE_MESSAGE, ACCEPTED)
@@ -113,7 +115,10 @@ def test_set_mode_message_is_acknowledged_after_storing(slow):
 
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_guided_waypoint_is_acknowledged_after_storing(slow, of, texts, is_stored):
-    item = mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 2, 1, 0, 0, 0, 0, 10**7, 2 * 10**7, 0.0)
+    frame, command, guided = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT, 2
+    item = mavlink.MAVLink_mission_item_int_message(
+        1, 1, 0, frame, command, guided, 1, 0, 0, 0, 0, 10**7, 2 * 10**7, 0.0
+    )
     assert of(slow.send(item), "MISSION_ACK") == []
     assert isinstance(slow.request_handler.intents[0], SteerPosition)
     slow.request_handler.waiting.pop()(is_stored)
