@@ -1,5 +1,6 @@
 """MAVLink FTP server: requests, replies, sessions, uploads and access limits."""
 
+import errno
 import gzip
 import os
 import random
@@ -11,9 +12,12 @@ import pytest
 
 from firmware_py.log.archive import archive_log
 
+# Errors and opcodes of the protocol
 FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
 TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
 OPEN_WRITE, TRUNCATE, RENAME, CHECKSUM, BURST, LIST_TIMES = range(11, 17)
+ACK, NAK = 128, 129
+SIZE_FIELD, OPCODE_FIELD, BURST_END_FIELD, DATA_START = 4, 3, 6, 12  # offsets in the payload
 LOG = "logs/00000001.BIN"
 CONTENT = bytes(range(256)) * 5  # not a multiple of the payload size
 
@@ -42,7 +46,7 @@ def test_replies_carry_the_next_sequence_number_and_address_the_sender(client):
     assert (reply.ok, reply.sequence, reply.session, reply.query, reply.to) == (True, 0, 3, 0, (255, 190))
 
 
-@pytest.mark.parametrize("opcode", [128, 129])
+@pytest.mark.parametrize("opcode", [ACK, NAK])
 def test_replies_get_no_reply(client, opcode):
     assert client.all(opcode) == []
 
@@ -62,7 +66,7 @@ def test_invalid_request_is_refused(client, opcode, path, error):
 
 def test_depth_of_directories_is_limited(client):
     assert client.ask(MKDIR, "uploads/d/d/d").error == (NOT_FOUND,)
-    assert client.ask(MKDIR, "uploads/d/d/d/d").error == (ERRNO, 36)
+    assert client.ask(MKDIR, "uploads/d/d/d/d").error == (ERRNO, errno.ENAMETOOLONG)
 
 
 def test_size_of_more_than_239_bytes_is_refused(client):
@@ -339,7 +343,7 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
     assert (uploads / "a.plan").read_bytes() == b"01234567ABC"
     assert client.ask(TRUNCATE, "uploads/a.plan", offset=4).ok
     assert (uploads / "a.plan").read_bytes() == b"0123"
-    assert client.ask(TRUNCATE, "uploads/a.plan", offset=400).error == (ERRNO, 22)
+    assert client.ask(TRUNCATE, "uploads/a.plan", offset=400).error == (ERRNO, errno.EINVAL)
     assert client.ask(MKDIR, "uploads/d").ok
     assert client.ask(MKDIR, "uploads/d").error == client.ask(MKDIR, "logs").error == (EXISTS,)
     (uploads / "link").symlink_to("nothing")
@@ -350,13 +354,13 @@ def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
     assert client.list("uploads/d") == ["Fb.plan\t4"]
     assert client.ask(RENAME, "uploads/d/b.plan\0uploads/b.plan").ok
     assert client.ask(RENAME, "uploads/b.plan\0uploads/d/b.plan").ok
-    assert client.ask(RMDIR, "uploads/d").error == (ERRNO, 39)
+    assert client.ask(RMDIR, "uploads/d").error == (ERRNO, errno.ENOTEMPTY)
     client.put("uploads/c", b"")
     assert client.ask(RENAME, "uploads/c\0uploads/d/b.plan").error == (EXISTS,)
     assert client.ask(RENAME, "uploads/none\0uploads/c").error == (NOT_FOUND,)
     assert client.ask(REMOVE, "uploads/d/b.plan").ok
     assert client.ask(REMOVE, "uploads/d/b.plan").error == (NOT_FOUND,)
-    assert client.ask(REMOVE, "uploads/d").error == (ERRNO, 21)
+    assert client.ask(REMOVE, "uploads/d").error == (ERRNO, errno.EISDIR)
     assert client.ask(RMDIR, "uploads/d").ok
 
 
@@ -381,16 +385,16 @@ def test_only_uploads_are_writable(client, disk, opcode, path):
 
 def test_size_limits_of_uploads(client, uploads):
     (uploads / "a").write_bytes(bytes((1 << 20) + 1))
-    assert client.ask(OPEN_WRITE, "uploads/a").error == (ERRNO, 27)
+    assert client.ask(OPEN_WRITE, "uploads/a").error == (ERRNO, errno.EFBIG)
     (uploads / "a").write_bytes(bytes(1 << 20))
     assert client.ask(OPEN_WRITE, "uploads/a").ok
     assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
-    assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, 27)
-    assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
+    assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, errno.EFBIG)
+    assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, errno.EFBIG)
     for number in range(15):
         (uploads / str(number)).write_bytes(bytes(1 << 20))
     assert client.ask(TERMINATE).ok  # the uploads now have 16 MiB, the limit
-    assert client.put("uploads/b", b"one more").error == (ERRNO, 28)
+    assert client.put("uploads/b", b"one more").error == (ERRNO, errno.ENOSPC)
     assert sorted(path.name for path in uploads.iterdir()) == sorted(["a", *map(str, range(15))])
 
 
@@ -417,16 +421,16 @@ def test_simultaneous_bursts_are_all_completed(client):
         client.ask(OPEN, LOG, session=number)
     requests = [client.request(BURST, size=20, session=number) for number in range(3)]
     replies = client.rig.send(*requests)
-    assert sum(bytes(message.payload)[6] for message in replies) == 3
-    assert sum(bytes(message.payload)[4] for message in replies) == 3 * len(CONTENT)
+    assert sum(bytes(message.payload)[BURST_END_FIELD] for message in replies) == 3
+    assert sum(bytes(message.payload)[SIZE_FIELD] for message in replies) == 3 * len(CONTENT)
 
 
 def test_number_of_files_is_limited(client, uploads):
     (uploads / "d").mkdir()
     for number in range(127):
         (uploads / "d" / str(number)).touch()
-    assert client.put("uploads/b", b"").error == (ERRNO, 28)
-    assert client.ask(MKDIR, "uploads/b").error == (ERRNO, 28)
+    assert client.put("uploads/b", b"").error == (ERRNO, errno.ENOSPC)
+    assert client.ask(MKDIR, "uploads/b").error == (ERRNO, errno.ENOSPC)
     assert client.put("uploads/d/5", b"replacement").ok
 
 
@@ -498,17 +502,17 @@ def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, uplo
 
     content = random.Random(4).randbytes(6000)
     for name in ("a", "b"):
-        assert send_until_reply(CREATE, f"uploads/{name}")[3] == 128
+        assert send_until_reply(CREATE, f"uploads/{name}")[OPCODE_FIELD] == ACK
         for start in range(0, len(content), 239):
-            assert send_until_reply(WRITE, content[start : start + 239], offset=start)[3] == 128
-        assert send_until_reply(TERMINATE)[3] == 128
-    assert send_until_reply(REMOVE, "uploads/b")[3] == 128
-    assert send_until_reply(OPEN, "uploads/a")[3] == 128
+            assert send_until_reply(WRITE, content[start : start + 239], offset=start)[OPCODE_FIELD] == ACK
+        assert send_until_reply(TERMINATE)[OPCODE_FIELD] == ACK
+    assert send_until_reply(REMOVE, "uploads/b")[OPCODE_FIELD] == ACK
+    assert send_until_reply(OPEN, "uploads/a")[OPCODE_FIELD] == ACK
     read = b""
     while len(read) < len(content):
         reply = send_until_reply(READ, offset=len(read), size=239)
-        assert reply[3] == 128
-        read += reply[12 : 12 + reply[4]]
+        assert reply[OPCODE_FIELD] == ACK
+        read += reply[DATA_START : DATA_START + reply[SIZE_FIELD]]
     assert read == content
     send_until_reply(TERMINATE)
     assert {path.name: path.read_bytes() for path in uploads.iterdir()} == {"a": content}
@@ -581,7 +585,7 @@ def test_upload_to_a_full_disk_keeps_the_old_file(client, uploads, monkeypatch):
     client.ask(WRITE, b"content")
     with monkeypatch.context() as patches:
         patches.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
-        assert client.ask(TERMINATE).error == (ERRNO, 28)
+        assert client.ask(TERMINATE).error == (ERRNO, errno.ENOSPC)
     assert {path.name: path.read_bytes() for path in uploads.iterdir()} == {"a": b"old"}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-NO_SESSIONS, FAIL = 5, 1
+NO_SESSIONS, FAIL = 5, 1  # errors; the numbers below are opcodes
 TERMINATE, OPEN, CREATE, WRITE, OPEN_WRITE, MKDIR = 1, 4, 6, 7, 11, 9
 LOG = "logs/00000001.BIN"
 
@@ -79,11 +79,11 @@ def test_uploads_that_are_being_stored_count_as_open(busy):
     assert client.ask(CREATE, "uploads/c", session=9).error == (NO_SESSIONS,)
 
 
-def test_request_that_finds_no_place_in_the_queue_is_executed_when_it_is_repeated(busy, texts, tmp_path):
+def test_request_dropped_by_a_full_queue_is_executed_when_it_is_repeated(busy, texts, tmp_path):
     client = busy.client
     assert client.ask(CREATE, "uploads/a", session=1).ok
     assert client.ask(WRITE, b"content", session=1).ok
-    assert busy.submit(31) == [True] * 31
+    assert busy.submit(31) == [True] * 31  # with the first job, the queue is full
     assert client.all(MKDIR, "uploads/d", sequence=70) == []
     replies = busy.rig.send(client.request(TERMINATE, session=1))
     assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]

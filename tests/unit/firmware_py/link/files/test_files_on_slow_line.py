@@ -4,8 +4,9 @@ import os
 
 import pytest
 
-END = 6
-OPEN, READ, BURST = 4, 5, 15
+END = 6  # error END_OF_FILE
+OPEN, READ, BURST = 4, 5, 15  # opcodes
+FRAME_BYTES = 266  # of a reply
 LOG = "logs/00000001.BIN"
 CONTENT = bytes(range(256)) * 5
 
@@ -33,7 +34,7 @@ def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
         parts += of(replies, "FILE_TRANSFER_PROTOCOL")
         heartbeats += len(of(replies, "HEARTBEAT"))
         attitudes += len(of(replies, "ATTITUDE"))
-        assert len(parts) * 266 < 0.7 * 5760.0 * (0.1 * tick + 0.5)
+        assert len(parts) * FRAME_BYTES < 0.7 * 5760.0 * (0.1 * tick + 0.5)
     assert len(parts) >= len(CONTENT) // 239 - 1
     assert heartbeats == pytest.approx(4, abs=1)
     assert attitudes > 0
