@@ -39,7 +39,7 @@ def run_voyage(hours):
             faults.append(f"Fault {hour}")
             boat.publish_events(Event(Severity.ERROR, faults[-1]))
         if hour % 8 == 3:
-            messages.append(boat.keyed(set_mode(15)))
+            messages.append(boat.keyed(set_mode(Mode.GUIDED)))
             executed += 1
             for message in (messages[-1], messages[0]):  # a new message and a repeated one
                 boat.network.send(message)
@@ -57,7 +57,7 @@ def run_voyage(hours):
     queued = len(boat.transport._driver.queue._queues[Kind.REPORT])
     assert (status.dropped, len(reports)) == (0, hours + 1 - queued)
     assert set(faults) <= texts
-    assert boat.intents == [SetMode(15)] * executed
+    assert boat.intents == [SetMode(Mode.GUIDED)] * executed
     assert status.refused == {"came before": len(messages) * 2 - executed}
     return boat, f"{len(reports)} reports, {boat.network.bill}, {dict(by_day)}, {status}"
 
@@ -134,24 +134,24 @@ def test_command_is_executed_and_acknowledged(boat):
     assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0] == []
     boat.run(60)
     boat.delivered()
-    boat.network.send(boat.keyed(set_mode(15)))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED)))
     boat.run(90)
-    assert boat.intents == [SetMode(15)]
+    assert boat.intents == [SetMode(Mode.GUIDED)]
     assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0] == []  # the loop sleeps
     assert [(frame.command, frame.result) for frame in boat.delivered() if frame.get_type() == "COMMAND_ACK"] == [
-        (176, 0)
+        (mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_RESULT_ACCEPTED)
     ]
 
 
 def test_messages_out_of_order_and_days_late_are_executed_once():
     boat = SatelliteBoat(key=KEY, parameters={"SBD_REPORT_MIN": 1440.0})
     boat.run(4 * DAY_S, idle_s=3600)
-    ages_s = {4: 0, 10: 3 * DAY_S, 11: 60}
+    ages_s = {Mode.HOLD: 0, Mode.AUTO: 3 * DAY_S, Mode.RTL: 60}
     messages = [boat.keyed(set_mode(mode), at_s=boat.now_s - age_s) for mode, age_s in ages_s.items()]
     for message in messages * 2:
         boat.network.send(message)
     boat.run(900)
-    assert [intent.mode for intent in boat.intents] == [4, 10, 11]
+    assert [intent.mode for intent in boat.intents] == [Mode.HOLD, Mode.AUTO, Mode.RTL]
     assert boat.status().refused == {"came before": 3}
 
 
@@ -165,7 +165,7 @@ def test_messages_out_of_order_and_days_late_are_executed_once():
     ],
 )
 def test_forged_or_outdated_message_is_refused(boat, changes, reason):
-    boat.network.send(boat.keyed(set_mode(15), **changes))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED), **changes))
     boat.run(120)
     assert boat.intents == []
     assert boat.status().refused == {reason: 1}
@@ -174,13 +174,13 @@ def test_forged_or_outdated_message_is_refused(boat, changes, reason):
 
 @pytest.mark.parametrize("at_s", [130.0 - 7 * DAY_S, DAY_S])
 def test_message_of_a_week_ago_or_a_day_ahead_is_executed(boat, at_s):
-    boat.network.send(boat.keyed(set_mode(15), at_s=at_s))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED), at_s=at_s))
     boat.run(120)
-    assert (boat.intents, boat.status().refused) == ([SetMode(15)], {})
+    assert (boat.intents, boat.status().refused) == ([SetMode(Mode.GUIDED)], {})
 
 
 def test_restart_keeps_credits_and_executed_messages(boat):
-    message = boat.keyed(set_mode(15))
+    message = boat.keyed(set_mode(Mode.GUIDED))
     boat.network.send(message)
     boat.run(90)
     credits_before = boat.status().day_credits
@@ -189,7 +189,7 @@ def test_restart_keeps_credits_and_executed_messages(boat):
     assert boat.status().day_credits == credits_before
     boat.network.send(message)
     boat.run(90)
-    assert boat.intents == [SetMode(15)]
+    assert boat.intents == [SetMode(Mode.GUIDED)]
 
 
 @pytest.mark.parametrize(
@@ -208,11 +208,11 @@ def test_older_messages_are_refused_after_loss_of_the_record(content, damage, re
     vault.damage = ""
     boat.endpoint.close()
     boat.start(KEY)
-    boat.network.send(boat.keyed(set_mode(15), at_s=-60.0))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED), at_s=-60.0))
     boat.run(90)
-    boat.network.send(boat.keyed(set_mode(4)))
+    boat.network.send(boat.keyed(set_mode(Mode.HOLD)))
     boat.run(90)
-    assert boat.intents == [SetMode(4)]
+    assert boat.intents == [SetMode(Mode.HOLD)]
     reports = [event.text for event in boat.events if event.text.startswith("Satellite record")]
     assert [text.startswith(report) for text in reports] == [True] * bool(report)
 
@@ -227,33 +227,33 @@ def test_loss_of_the_record_before_2015_is_no_error(monkeypatch):
 
 def test_message_is_executed_after_its_number_is_stored(boat):
     boat.vault.at_once = False
-    boat.network.send(boat.keyed(set_mode(15)))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED)))
     boat.run(90)
     assert boat.intents == []
     boat.vault.waiting.pop()(True)
     assert select.select([boat.transport.descriptors()[-1]], [], [], 0.0)[0]  # it wakes the loop
     boat.run(1)
-    assert boat.intents == [SetMode(15)]
+    assert boat.intents == [SetMode(Mode.GUIDED)]
 
 
 def test_plain_frame_may_command_only_without_a_key(boat):
-    plain = set_mode(15).pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
+    plain = set_mode(Mode.GUIDED).pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
     boat.network.send(plain)
     boat.run(120)
     assert boat.intents == []
     assert boat.transport.is_exposed
     open_boat = SatelliteBoat()
-    for message in (plain, plain[:-1], boat.keyed(set_mode(4))):
+    for message in (plain, plain[:-1], boat.keyed(set_mode(Mode.HOLD))):
         open_boat.network.send(message)
     open_boat.run(180)
-    assert open_boat.intents == [SetMode(15)]
+    assert open_boat.intents == [SetMode(Mode.GUIDED)]
     assert open_boat.status().refused == {"no whole frame": 1, "there is no key": 1}
 
 
 def test_numbers_of_the_last_32_messages_without_a_key_are_stored():
     boat = SatelliteBoat()
-    driver, plain = boat.transport._driver, set_mode(15).pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
-    driver.received = [(number, plain) for number in (*range(33), 1, 0)]
+    plain = set_mode(Mode.GUIDED).pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
+    boat.transport._driver.received = [(number, plain) for number in (*range(33), 1, 0)]
     boat.run(1)
     assert boat.status().refused == {"came before": 1}
 
@@ -264,9 +264,9 @@ def test_used_credits_delay_reports_to_the_next_day_but_not_commands():
     assert boat.status().day_credits == 9
     assert boat.network.bill.total == 9
     assert [event.text for event in boat.events] == ["Satellite credits used up: 9 today, 9 this month"]
-    boat.network.send(boat.keyed(set_mode(15)))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED)))
     boat.run(300)
-    assert boat.intents == [SetMode(15)]
+    assert boat.intents == [SetMode(Mode.GUIDED)]
     boat.run(12.5 * 3600.0, idle_s=600)
     assert boat.status().day_credits > 0
     assert boat.status().waiting > 0  # reports of the day before
@@ -318,16 +318,16 @@ def test_modem_is_set_up_again_after_its_line_was_lost(boat):
 
 def test_message_in_the_modem_is_read_after_a_power_cut(boat):
     boat.run(60)
-    boat.modem._in_message, boat.modem._in_number = boat.keyed(set_mode(15)), 9
+    boat.modem._in_message, boat.modem._in_number = boat.keyed(set_mode(Mode.GUIDED)), 9
     boat.endpoint.close()
     boat.start(KEY)
     boat.run(60)
-    assert boat.intents == [SetMode(15)]
+    assert boat.intents == [SetMode(Mode.GUIDED)]
 
 
 def test_second_close_and_late_storage_do_not_touch_a_reused_descriptor(boat):
     boat.vault.at_once = False
-    boat.network.send(boat.keyed(set_mode(15)))
+    boat.network.send(boat.keyed(set_mode(Mode.GUIDED)))
     boat.run(90)
     boat.endpoint.close()
     with Path(os.devnull).open() as other_file:  # it reuses the number of the descriptor
@@ -339,7 +339,8 @@ def test_second_close_and_late_storage_do_not_touch_a_reused_descriptor(boat):
 def test_control_high_latency_does_not_apply_to_paid_messages(boat):
     boat.run(60)
     boat.delivered()
-    boat.network.send(boat.keyed(mavlink.MAVLink_command_long_message(1, 1, 2600, 0, 1, 0, 0, 0, 0, 0, 0)))
+    command = mavlink.MAV_CMD_CONTROL_HIGH_LATENCY
+    boat.network.send(boat.keyed(mavlink.MAVLink_command_long_message(1, 1, command, 0, 1, 0, 0, 0, 0, 0, 0)))
     boat.run(1800, idle_s=30)
     assert "HIGH_LATENCY2" not in names(boat.delivered())
 

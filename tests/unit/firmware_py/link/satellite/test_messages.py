@@ -18,7 +18,7 @@ from firmware_py.link.satellite.messages import (
 )
 
 STATION = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-REPORT = dict.fromkeys(mavlink.MAVLink_high_latency2_message.fieldnames, 0) | {"custom2": 2}
+REPORT = dict.fromkeys(mavlink.MAVLink_high_latency2_message.fieldnames, 0) | {"custom2": 2}  # valid heading
 
 
 def report(**changes):
@@ -136,7 +136,7 @@ def test_age_counts_from_the_start_of_2015_in_hundredths_of_a_second():
 @pytest.mark.parametrize(
     ("number", "payload", "refusal"),
     [
-        (4, b"", None),  # PING, whose payload has 14 bytes
+        (4, b"", None),  # message PING, whose payload has 14 bytes
         (4, bytes(13) + b"x", None),
         (4, bytes(14) + b"x", "unknown message"),
         (0xFFFF, b"x", "unknown message"),
@@ -148,11 +148,11 @@ def test_authentic_message_must_be_known(number, payload, refusal):
     def compute_hmac(text):
         return hashlib.sha256(text).digest()
 
-    code = compute_hmac(b"sbd short form 1" + b"300" + covered)[:8]
-    opened = open_short_form(covered + code, "300", compute_hmac)
-    assert open_short_form(covered + code, "301", compute_hmac) == "false code"
-    assert open_short_form((covered + code)[:17], "300", compute_hmac) == "cut short"
-    assert open_short_form(covered + code, "300", lambda _text: None) == "there is no key"
+    hmac = compute_hmac(b"sbd short form 1" + b"300" + covered)[:8]
+    opened = open_short_form(covered + hmac, "300", compute_hmac)
+    assert open_short_form(covered + hmac, "301", compute_hmac) == "false code"
+    assert open_short_form((covered + hmac)[:17], "300", compute_hmac) == "cut short"
+    assert open_short_form(covered + hmac, "300", lambda _text: None) == "there is no key"
     if refusal is None:
         (decoded,) = mavlink.MAVLink(None).parse_buffer(opened.frame)
         assert (opened.number, decoded.get_msgId()) == (250, number)

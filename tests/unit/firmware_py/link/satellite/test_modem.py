@@ -13,9 +13,10 @@ from firmware_py.link.satellite.messages import Kind
 from firmware_py.link.satellite.record import Ledger, Limits
 
 IMEI = b"300234010753370"
-MESSAGE = b"\xfdhers\nand more"
+MESSAGE = b"\xfdhers\nand more"  # with an end of line
 SESSION, SIGNAL, SERIAL_NUMBER, STATUS = (b"AT+SBDIX", b"AT+SBDIXA"), b"AT+CSQ", b"AT+CGSN", b"AT+SBDSX"
-DELIVERED, RECEIVED = "0, 1, 0, 0, 0, 0", "0, 1, 1, 7, 14, 0"  # +SBDIX: sent; sent, and a message received
+# +SBDIX: status and number of the sent message; status, number and length of the received one; queued messages.
+DELIVERED, RECEIVED = "0, 1, 0, 0, 0, 0", "0, 1, 1, 7, 14, 0"  # sent; sent, and a message received
 
 
 class ScriptedModem:
@@ -38,7 +39,11 @@ class ScriptedModem:
         self.now_s = 0.0
         limits = Limits(day=50, month=1500, credit_bytes=50)
         self.driver = SatelliteDriver(
-            Ledger(), Settings(limits, 2, 43200.0), lambda _ledger: None, self.events.append, seed=3
+            Ledger(),
+            Settings(limits, min_signal=2, mailbox_s=43_200.0),
+            lambda _ledger: None,
+            self.events.append,
+            seed=3,
         )
 
     def send(self, data, after_s=0.0):
@@ -106,7 +111,7 @@ def queue_report(modem):
     [(SIGNAL, 50.5, 1), (SIGNAL, 51.0, 0), (SESSION[0], 120.5, 1), (SESSION[0], 121.0, 0), (b"the message", 10.5, 1),
      (b"the message", 11.0, 0)],
 )  # fmt: skip
-def test_reply_is_awaited_for_its_time(command, delay_s, sent):
+def test_reply_is_awaited_until_its_timeout(command, delay_s, sent):
     modem = queue_report(ScriptedModem(delays_s={command: delay_s}))
     assert modem.run(150).driver.counts.sent == sent
 
