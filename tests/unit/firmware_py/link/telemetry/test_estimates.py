@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
@@ -24,6 +25,11 @@ DEAD_RECKONING = {
     "position_ok": False,
     "dead_reckoning": DeadReckoningPosition(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0),
 }
+# Flags of ESTIMATOR_STATUS
+ATTITUDE, VELOCITY = mavlink.ESTIMATOR_ATTITUDE, mavlink.ESTIMATOR_VELOCITY_HORIZ
+RELATIVE_POSITION = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
+ABSOLUTE_POSITION = mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
+VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
 HOME = Home(0.7 - 100.0 / EARTH_RADIUS_M, -0.2, 1.0)
 
 
@@ -31,7 +37,7 @@ HOME = Home(0.7 - 100.0 / EARTH_RADIUS_M, -0.2, 1.0)
 def request_message(rig, of):
     def call(number, name, **changes):
         rig.tick(**changes)
-        replies = of(rig.command(512, number), name)
+        replies = of(rig.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number), name)
         return replies[0] if replies else None
 
     return call
@@ -80,14 +86,14 @@ def test_position_target_is_the_navigation_target(request_message):
 
 def test_estimator_flags_are_valid_quantities(request_message):
     good = request_message(230, "ESTIMATOR_STATUS", position=FIX, position_ok=True)
-    assert good.flags == 1 | 2 | 8 | 16 | 256 | 512
+    assert good.flags == ATTITUDE | VELOCITY | RELATIVE_POSITION | ABSOLUTE_POSITION
     assert all(math.isnan(value) for value in (good.vel_ratio, good.mag_ratio, good.pos_horiz_accuracy))
     assert request_message(230, "ESTIMATOR_STATUS", heading_ok=False).flags == 0
 
 
 def test_dead_reckoning_is_relative_with_its_accuracy(request_message):
     status = request_message(230, "ESTIMATOR_STATUS", **DEAD_RECKONING)
-    assert (status.flags, status.pos_horiz_accuracy) == (1 | 8 | 256, 250.0)
+    assert (status.flags, status.pos_horiz_accuracy) == (ATTITUDE | RELATIVE_POSITION, 250.0)
     assert request_message(32, "LOCAL_POSITION_NED", home=HOME, **DEAD_RECKONING).vx == pytest.approx(0.3)
 
 
@@ -103,9 +109,9 @@ def test_mag_ratio_is_the_innovation_in_five_standard_deviations(request_message
 def test_ekf_status_report_has_the_flags_and_ratio_of_the_estimator(request_message):
     assert request_message(193, "EKF_STATUS_REPORT", heading_ok=False).flags == 0
     good = request_message(193, "EKF_STATUS_REPORT", position=FIX, position_ok=True)
-    assert good.flags == 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+    assert good.flags == ATTITUDE | VELOCITY | RELATIVE_POSITION | ABSOLUTE_POSITION | VERTICAL
     ratios = {name: getattr(good, name) for name in good.fieldnames if name.endswith("_variance")}
     assert (len(ratios), set(ratios.values())) == (6, {0.0})
-    assert request_message(193, "EKF_STATUS_REPORT", **DEAD_RECKONING).flags == 1 | 8 | 256
+    assert request_message(193, "EKF_STATUS_REPORT", **DEAD_RECKONING).flags == ATTITUDE | RELATIVE_POSITION
     outlier = msgspec.structs.replace(ESTIMATE, innovation_rad=0.1, innovation_sd_rad=0.02)
     assert request_message(193, "EKF_STATUS_REPORT", estimate=outlier).compass_variance == pytest.approx(1.0)

@@ -21,6 +21,7 @@ BOAT = {
     "navigation": Navigation(Activity.STATION, 0.7, -0.2, 40.0, 2.0),
     "power": Power(12.0, -1.0, 0.5, 20.0, 3.0, 4.0),
 }
+# Fields by message; 65535, 255 and -1 mean unknown.
 FIXED = {
     "ATTITUDE": {"rollspeed": 0.0, "pitchspeed": 0.0},
     "VFR_HUD": {"throttle": 0, "climb": 0.0},
@@ -59,7 +60,7 @@ FIXED = {
 }  # fmt: skip
 
 
-def built(name, snapshot):
+def build(name, snapshot):
     (row,) = (row for row in TABLE if row.name == name)
     boat = replace(snapshot, **BOAT)
     context = TelemetryContext(boat, utc_s=1.7e9, rudder_limit_rad=0.5, autopilot=3, load=0.25, refused_frames=0)
@@ -68,11 +69,12 @@ def built(name, snapshot):
 
 @pytest.mark.parametrize("name", FIXED)
 def test_fields_that_are_not_measured_have_their_fixed_value(snapshot, name):
-    message = built(name, snapshot)
+    message = build(name, snapshot)
     values = {field: getattr(message, field) for field in FIXED[name]}
     assert {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()} == FIXED[name]
 
 
+# Largest and smallest value by message and field.
 LIMITS = {
     "GPS_RAW_INT": {
         "lat": (1_800_000_000, -1_800_000_000), "lon": (1_800_000_000, -1_800_000_000),

@@ -9,7 +9,9 @@ from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.urls import LinkClass
 
-ATTITUDE, HIGH_LATENCY2, NAMED_VALUE_FLOAT = 30, 235, 251
+HEARTBEAT, SYS_STATUS, ATTITUDE, VFR_HUD, HIGH_LATENCY2, NAMED_VALUE_FLOAT = 0, 1, 30, 74, 235, 251
+UNKNOWN = 9999
+ALL_STREAMS, EXTRA1 = 0, 10  # MAV_DATA_STREAM
 
 
 @pytest.fixture
@@ -28,6 +30,7 @@ def count_sent(streams, *, loop_hz, seconds, interval_factor=1.0):
     return sent
 
 
+# Message or named value, default rates on fast links and on radio links in Hz.
 RATES = """
 HEARTBEAT 1 1, SYS_STATUS 1 .5, SYSTEM_TIME 1 .1, GPS_RAW_INT 2 .5, ATTITUDE 10 2, LOCAL_POSITION_NED 2 0,
 GLOBAL_POSITION_INT 4 1, SERVO_OUTPUT_RAW 4 1, MISSION_CURRENT 1 .5, NAV_CONTROLLER_OUTPUT 2 1, RC_CHANNELS 2 .5,
@@ -54,7 +57,7 @@ def test_messages_are_sent_at_their_rates(link_class, column):
 
 
 def test_rows_are_due_half_a_tick_early_in_the_order_of_their_times(streams):
-    attitude, hud, status = (ROWS_OF[number][0] for number in (ATTITUDE, 74, 1))
+    attitude, hud, status = (ROWS_OF[number][0] for number in (ATTITUDE, VFR_HUD, SYS_STATUS))
     for row in range(len(TABLE)):
         streams.schedule_next(row, 0.0)
     assert streams.due_rows(0.0499, 0.1) == ()
@@ -62,7 +65,7 @@ def test_rows_are_due_half_a_tick_early_in_the_order_of_their_times(streams):
     streams.schedule_next(attitude, 0.1)  # exactly one interval late
     assert attitude not in streams.due_rows(0.1, 0.0)
     assert streams.due_rows(0.2, 0.0) == [attitude]
-    for number, now_s in ((ATTITUDE, 5.0), (74, 4.0), (1, 3.0), (HIGH_LATENCY2, 2.0)):
+    for number, now_s in ((ATTITUDE, 5.0), (VFR_HUD, 4.0), (SYS_STATUS, 3.0), (HIGH_LATENCY2, 2.0)):
         streams.make_due(number, now_s)
     assert [row for row in streams.due_rows(5.0, 0.0) if row in (attitude, hud, status)] == [status, hud, attitude]
     assert ROWS_OF[HIGH_LATENCY2][0] not in streams.due_rows(5.0, 0.0)  # it is off
@@ -78,7 +81,7 @@ def test_rows_are_due_half_a_tick_early_in_the_order_of_their_times(streams):
 @pytest.mark.parametrize("link_class", [LinkClass.SATELLITE, LinkClass.MESSAGES])
 def test_stream_request_has_no_effect_by_satellite(link_class):
     streams = Streams(link_class, 0.0)
-    streams.set_stream(0, 4.0, 0.0)
+    streams.set_stream(ALL_STREAMS, 4.0, 0.0)
     assert streams.due_rows(1e6, 0.1) == ()
 
 
@@ -127,19 +130,19 @@ def test_interval_is_turned_off_and_restored(streams):
 
 
 def test_intervals_of_heartbeat_and_unknown_messages_cannot_be_set(streams):
-    assert not streams.set_interval(0, -1, 0.0)
-    assert not streams.set_interval(9999, 1e6, 0.0)
-    assert streams.interval_us(9999) is None
+    assert not streams.set_interval(HEARTBEAT, -1, 0.0)
+    assert not streams.set_interval(UNKNOWN, 1e6, 0.0)
+    assert streams.interval_us(UNKNOWN) is None
 
 
 def test_stream_request_changes_the_messages_of_the_stream_only():
     streams = Streams(LinkClass.RADIO, 0.0)
-    streams.set_stream(10, 5.0, 0.0)
+    streams.set_stream(EXTRA1, 5.0, 0.0)
     assert streams.interval_us(ATTITUDE) == 200_000
-    assert streams.interval_us(74) == 1_000_000
-    streams.set_stream(0, 0.0, 0.0)
+    assert streams.interval_us(VFR_HUD) == 1_000_000
+    streams.set_stream(ALL_STREAMS, 0.0, 0.0)
     assert {streams.interval_us(row.number) for row in TABLE if row.stream is not None} == {-1}
-    assert streams.interval_us(0) == 1_000_000
+    assert streams.interval_us(HEARTBEAT) == 1_000_000
 
 
 def test_interval_applies_to_all_named_values(streams):
@@ -158,11 +161,11 @@ def test_jump_of_the_clock_causes_no_burst(streams):
 def test_stream_request_does_not_raise_slow_rates_on_a_radio_link(link_class, seconds):
     """MAVProxy requests all streams at 4 Hz when it connects."""
     streams = Streams(link_class, 0.0)
-    streams.set_stream(0, 4.0, 0.0)
+    streams.set_stream(ALL_STREAMS, 4.0, 0.0)
     assert streams.interval_us(ATTITUDE) == 250_000
     trim = next(index for index, row in enumerate(TABLE) if row.name == "NAMED_VALUE_FLOAT TRIM")
     streams.schedule_next(trim, 0.0)
     times = [0.05 * step for step in range(200) if trim in streams.due_rows(0.05 * step, 0.0)]
     assert times[0] == pytest.approx(seconds, abs=0.06)
-    streams.set_stream(0, 0.0, 0.0)
+    streams.set_stream(ALL_STREAMS, 0.0, 0.0)
     assert streams.interval_us(ATTITUDE) == -1

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.common.mode_table import Mode
+from firmware_py.common.mode_table import Mode, StandardMode
 from firmware_py.common.records import CalibrationState, FixType, PositionSample, RudderFeedback
 from firmware_py.common.reports import (
     Activity,
@@ -70,6 +70,7 @@ def build(snapshot):
     return build_message
 
 
+# MAV_MODE_FLAG: 1 custom mode, 4 auto, 8 guided, 16 stabilized, 64 manual input, 128 armed.
 @pytest.mark.parametrize(
     ("mode", "armed", "faults", "base_mode", "status"),
     [
@@ -171,7 +172,7 @@ COMPASS_SENSORS = 1 | 2 | 4  # gyro, accelerometer, magnetometer
 
 def test_sys_status_shows_healthy_and_failed_sensors(build):
     healthy = build("SYS_STATUS", position=FIX, position_ok=True, servo=SERVO, load=0.015, refused_frames=70_000)
-    sensors = COMPASS_SENSORS | 32 | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    sensors = COMPASS_SENSORS | mavlink.MAV_SYS_STATUS_SENSOR_GPS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
     assert healthy.onboard_control_sensors_present & sensors == sensors
     assert healthy.onboard_control_sensors_health & sensors == sensors
     assert (healthy.voltage_battery, healthy.current_battery, healthy.battery_remaining) == (12_300, 25, -1)
@@ -190,7 +191,7 @@ def test_sys_status_shows_healthy_and_failed_sensors(build):
     assert failed.onboard_control_sensors_present & sensors == sensors
     assert failed.onboard_control_sensors_health & sensors == 0
     assert (failed.voltage_battery, failed.current_battery) == (65535, -1)
-    assert not build("SYS_STATUS").onboard_control_sensors_present & 32
+    assert not build("SYS_STATUS").onboard_control_sensors_present & mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
 FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
@@ -256,7 +257,7 @@ def test_storage_and_energy_are_sent_as_named_values(build, name, changes, value
     assert (message.name, message.value, message.time_boot_ms) == (name, pytest.approx(value), 12_500)
     assert build(f"NAMED_VALUE_FLOAT {name}") is None
     assert build("NAMED_VALUE_FLOAT RUD_WH", energy=Energy(energy_j=5400.0)) is None
-    assert build("NAMED_VALUE_FLOAT HELM_SOFT", gain_reduction=0.125).value == 0.125
+    assert build("NAMED_VALUE_FLOAT HELM_SOFT", gain_reduction=8.0).value == 8.0
 
 
 def test_battery_status_has_one_voltage(build):
@@ -325,15 +326,17 @@ def test_lateness_and_servo_temperature_are_sent(build):
 
 def test_current_mode_contains_the_intended_mode(build):
     mode = build("CURRENT_MODE", mode=Mode.STEERING)
-    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
+    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, Mode.STEERING, Mode.STEERING)
     mode = build("CURRENT_MODE", mode=Mode.AUTO)
-    assert (mode.standard_mode, mode.custom_mode) == (6, 10)
-    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # a fault changed the mode
-    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
+    assert (mode.standard_mode, mode.custom_mode) == (StandardMode.MISSION, Mode.AUTO)
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=int(Mode.AUTO))  # a fault changed the mode
+    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, Mode.LOITER, Mode.AUTO)
 
 
 def test_names_are_short_and_the_index_is_complete():
-    assert all(len(row.name.split()[-1]) <= 10 for row in TABLE if row.number == 251)
+    assert all(
+        len(row.name.split()[-1]) <= 10 for row in TABLE if row.number == mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+    )
     assert sorted(index for rows in ROWS_OF.values() for index in rows) == list(range(len(TABLE)))
 
 
@@ -384,11 +387,18 @@ def test_number_of_satellites_is_limited_below_the_number_for_unknown(build, sat
     assert build("GPS_RAW_INT", position=fix, position_ok=True).satellites_visible == sent
 
 
+RUDDER_FAULTS = (
+    Fault.RUDDER_SILENT, Fault.RUDDER_ERROR, Fault.RUDDER_ASTRAY, Fault.RUDDER_JAMMED, Fault.STEERING_LOST,
+)  # fmt: skip
+BATTERY_FAULTS = (Fault.SUPPLY_LOW, Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL)
 FAILURE_FLAGS = {
-    Fault.COMPASS_LOST: 32 | 4096, Fault.POSITION_LOST: 1, Fault.RUDDER_SILENT: 1024, Fault.RUDDER_ERROR: 1024,
-    Fault.RUDDER_ASTRAY: 1024, Fault.RUDDER_JAMMED: 1024, Fault.STEERING_LOST: 1024, Fault.SUPPLY_LOW: 128,
-    Fault.BATTERY_LOW: 128, Fault.BATTERY_CRITICAL: 128, Fault.FENCE_BREACHED: 2048, Fault.MISSION_UNUSABLE: 8192,
-}  # fmt: skip
+    Fault.COMPASS_LOST: mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR,
+    Fault.POSITION_LOST: mavlink.HL_FAILURE_FLAG_GPS,
+    **dict.fromkeys(RUDDER_FAULTS, mavlink.HL_FAILURE_FLAG_ENGINE),
+    **dict.fromkeys(BATTERY_FAULTS, mavlink.HL_FAILURE_FLAG_BATTERY),
+    Fault.FENCE_BREACHED: mavlink.HL_FAILURE_FLAG_GEOFENCE,
+    Fault.MISSION_UNUSABLE: mavlink.HL_FAILURE_FLAG_MISSION,
+}
 
 
 @pytest.mark.parametrize("fault", Fault)
@@ -396,9 +406,12 @@ def test_failure_flags_of_satellite_reports(build, fault):
     assert build("HIGH_LATENCY2", faults=1 << fault).failure_flags == FAILURE_FLAGS.get(fault, 0)
 
 
-@pytest.mark.parametrize(("armed", "heading_ok", "estimate", "bits"), [(True, False, None, 1), (False, True, 0.1, 6)])
-def test_state_bits_of_satellite_reports(build, armed, heading_ok, estimate, bits):
-    report = build("HIGH_LATENCY2", armed=armed, heading_ok=heading_ok, rudder_estimate_rad=estimate)
+@pytest.mark.parametrize(
+    ("armed", "heading_ok", "estimate_rad", "bits"), [(True, False, None, 1), (False, True, 0.1, 2 | 4)]
+)
+def test_state_bits_of_satellite_reports(build, armed, heading_ok, estimate_rad, bits):
+    """1: armed, 2: valid heading, 4: estimated rudder angle."""
+    report = build("HIGH_LATENCY2", armed=armed, heading_ok=heading_ok, rudder_estimate_rad=estimate_rad)
     assert report.custom2 == bits
     assert build("HIGH_LATENCY2", rudder_rad=None).custom0 == -128
 
