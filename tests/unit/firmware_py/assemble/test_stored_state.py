@@ -14,7 +14,8 @@ STEERING = {
     "CTL_HOLD_S": 11, "CTL_K1": 41, "CTL_K2": 0.8, "CTL_PRICE": 2, "CTL_TRIM_DEG": 1, "EST_TAU_S": 2, "LOIT_RADIUS": 90,
     "NAV_LOOK_S": 61, "POS_JUMP_S": 121, "POS_TIMEOUT_S": 6, "WP_RADIUS": 21,
 }  # fmt: skip
-MOUNTING = {"RUD_REVERSE": 1, "CMP_OFFSET_DEG": 5, "CMP_DEV_A": 2, "LOG_KEEP_MB": 500}
+# Of the mounting of devices, and one that does not affect the steering.
+OTHERS = {"RUD_REVERSE": 1, "CMP_OFFSET_DEG": 5, "CMP_DEV_A": 2, "LOG_KEEP_MB": 500}
 
 
 def with_values(values):
@@ -37,11 +38,11 @@ def with_values(values):
     ],
 )
 def test_three_early_ends_change_the_steering_parameters(early, name):
-    stored, vehicle = with_values(MOUNTING | {"CTL_K1": 55}), with_values({"CTL_K1": 41, "RUD_REVERSE": 0})
+    stored, vehicle = with_values(OTHERS | {"CTL_K1": 55}), with_values({"CTL_K1": 41, "RUD_REVERSE": 0})
     texts = []
     used = select_start_parameters(stored, vehicle, early, texts.append)
     assert used["CTL_K1"] == {"": 55, "vehicle file's": 41, "built-in": 40}[name]
-    assert {row: used[row] for row in MOUNTING} == MOUNTING
+    assert {row: used[row] for row in OTHERS} == OTHERS
     expected = [f"{early} starts failed: {name} steering parameters", "Stored but not used: CTL_K1 55"]
     assert texts == (expected if name else [])
 

@@ -72,7 +72,7 @@ def test_unexpected_end_is_printed_and_a_missing_watchdog_reported(tmp_path):
         (b"rubbish", 0, ["stored endings.record ignored: "]),
     ],
 )
-def test_end_without_a_record_is_a_cut(content, count, texts):
+def test_end_without_a_record_is_reported_as_cut_off(content, count, texts):
     notices = []
     endings = read_endings(SimpleNamespace(load=lambda _name: content), None, 1.7e9, notices)
     assert (endings.running, endings.counts.get("cut off", 0)) == (False, count)

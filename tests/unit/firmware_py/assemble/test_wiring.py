@@ -115,7 +115,7 @@ def test_status_is_written_and_removed_at_the_end(vehicle, tmp_path):
 
 
 class FakeLockstepClock:
-    """The clock of the laboratory, without its socket."""
+    """The lockstep clock without the socket of the HIL."""
 
     def __init__(self, path, names, written, settle, descriptors):
         self.path, self.names = path, names
@@ -129,7 +129,7 @@ class FakeLockstepClock:
 
 
 @pytest.mark.parametrize(("status", "freshness"), [(False, Freshness.ABSENT), (True, Freshness.RUNNING)])
-def test_lockstep_has_the_time_of_the_laboratory_and_a_status_on_request(
+def test_lockstep_uses_the_clock_of_the_hil_and_writes_a_status_on_request(
     vehicle, tmp_path, monkeypatch, status, freshness
 ):
     monkeypatch.setattr("firmware_py.assemble.wiring.LockstepClock", FakeLockstepClock)
@@ -210,7 +210,8 @@ def run_once(directory, vehicle, ending, after_s=1.0):
         supervision.end(restart=False)
     values = assembly.parts.autopilot.parameters()
     assembly.close()
-    return [values[name] for name in ("CTL_K1", "MDL_K", "RUD_REVERSE")], [e.text for e in assembly.parts.notices]
+    texts = [event.text for event in assembly.parts.notices]
+    return [values[name] for name in ("CTL_K1", "MDL_K", "RUD_REVERSE")], texts
 
 
 @pytest.fixture
@@ -223,6 +224,7 @@ def directory_with_parameters(vehicle, tmp_path, monkeypatch):
     return tmp_path
 
 
+# CTL_K1, MDL_K, RUD_REVERSE
 STORED, VEHICLE_FILE, BUILT_IN = [55.0, 20.0, 1.0], [41.0, 0.049, 1.0], [40.0, 0.049, 1.0]
 
 
@@ -232,8 +234,8 @@ def test_early_failures_replace_the_stored_steering_parameters(vehicle, director
         assert [round(value, 3) for value in values] == expected
     assert "9 starts failed: built-in steering parameters" in texts
     assert "Stored but not used: CTL_K1 55, MDL_K 20" in texts
-    kept = StateFiles(directory_with_parameters / "state").load("parameters.param").decode()
-    assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(kept.splitlines())
+    stored = StateFiles(directory_with_parameters / "state").load("parameters.param").decode()
+    assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(stored.splitlines())
 
 
 @pytest.mark.parametrize(("ending", "after_s"), [("ends", 1.0), ("fails", 61.0), ("is cut off", 61.0)])
@@ -297,16 +299,16 @@ def test_failed_thread_start_is_one_line_and_releases_everything(number, vehicle
 def assemble_before_disk(vehicle, tmp_path, monkeypatch, key):
     """Start an autopilot whose state directory, with a signing key in it, is mounted later."""
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
-    kept = Store(tmp_path / "kept", private=(SIGNING_FILE,))
-    kept.save(SIGNING_FILE, key, both_slots=True)
-    kept.close()
+    disk = Store(tmp_path / "disk", private=(SIGNING_FILE,))
+    disk.save(SIGNING_FILE, key, both_slots=True)
+    disk.close()
     (tmp_path / "state").touch()  # a file instead of the directory
     return assemble(vehicle, Options(tmp_path / "state", wait=True))
 
 
 def mount_disk(assembly, tmp_path):
     # Atomic, because the store would create a missing directory.
-    (tmp_path / "link").symlink_to("kept")
+    (tmp_path / "link").symlink_to("disk")
     (tmp_path / "link").replace(tmp_path / "state")
     store = assembly.parts.store
     while store.failure:
