@@ -100,7 +100,7 @@ def test_last_tick_opens_no_port(boat):
 
 
 def test_sample_is_read_when_it_arrives(boat):
-    boat.clock.arrivals = [(0.137, 10)]
+    boat.clock.arrivals = [(0.137, boat.compass.fileno())]
     run_for(boat, 0.3)
     assert 0.137 in boat.compass.receive_times_s
 
@@ -108,7 +108,7 @@ def test_sample_is_read_when_it_arrives(boat):
 def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
     set_parameter(boat, "LOOP_LOCK", 0)
     boat.rudder.descriptor = 11
-    boat.clock.arrivals = [(0.104, 11), (0.214, 11), (0.216, 11)]
+    boat.clock.arrivals = [(t_s, boat.rudder.descriptor) for t_s in (0.104, 0.214, 0.216)]
 
     def publish(_output, now_s):
         boat.rudder.prompt_replies = 1 if now_s == pytest.approx(0.2) else 0
@@ -120,10 +120,11 @@ def test_servo_reply_wakes_the_loop_only_if_prompt_io_is_needed(boat):
 
 
 def test_loop_does_not_wait_on_a_closed_port(boat):
-    boat.clock.arrivals = [(0.137, 10), (0.15, 10)]
+    descriptor = boat.compass.fileno()
+    boat.clock.arrivals = [(0.137, descriptor), (0.15, descriptor)]
     boat.compass.receive = lambda now_s: setattr(boat.compass, "fileno", lambda: -1) if now_s > 0.13 else None
     run_for(boat, 0.35)
-    wait_times_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
+    wait_times_s = [now_s for now_s, _, descriptors in boat.clock.waits if descriptor in descriptors]
     assert max(wait_times_s) < 0.137
     assert not any(-1 in descriptors for _, _, descriptors in boat.clock.waits)
 
@@ -143,7 +144,7 @@ def test_second_compass_wakes_the_loop_unless_it_is_a_gyroscope(boat, is_prompt)
     boat.compass_b, boat.compass_b_is_prompt = FakeCompass(DeviceRole.COMPASS_B, 12), is_prompt
     boat.__post_init__()
     assert boat.compass_b in boat.devices
-    boat.clock.arrivals = [(0.137, 12)]
+    boat.clock.arrivals = [(0.137, boat.compass_b.fileno())]
     set_parameter(boat, "LOOP_LOCK", 0)
     run_for(boat, 0.35)
     expected_s = [0.0, 0.1, 0.137, 0.2, 0.3] if is_prompt else [0.0, 0.1, 0.2, 0.3]

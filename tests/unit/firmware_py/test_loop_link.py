@@ -17,6 +17,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.faults.table import Fault
+from firmware_py.plans.items import Command
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import PLAN_FILES
 from support.loop_parts import FakeLink, FakeStore, event_texts, make_boat, run_for, set_parameter, ticks
@@ -88,7 +89,7 @@ def test_remaining_link_data_are_served_before_waiting(boat):
     assert service_times_s == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
 
 
-def test_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
+def test_request_is_decided_at_once_and_is_an_input_of_the_next_tick(boat):
     answers = []
     boat.clock.arrivals = [(0.15, FakeLink.DESCRIPTOR)]
 
@@ -177,7 +178,8 @@ def test_guard_time_of_a_busy_link_is_12_ms(boat):
     assert max(now_s for now_s in calls if now_s < 0.2) == pytest.approx(0.1871)
 
 
-MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
+GLOBAL_RELATIVE_ALT_INT = 6  # MAV_FRAME
+MISSION = Plan.of(PlanKind.MISSION, (PlanItem(Command.WAYPOINT, GLOBAL_RELATIVE_ALT_INT, x=1, y=2),))
 
 
 def test_plan_is_active_once_it_is_on_disk_and_is_an_input_of_the_next_tick(boat):
@@ -197,7 +199,7 @@ def test_plan_that_is_refused_or_cannot_be_stored_keeps_the_old_one(boat):
     answers = []
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
     boat.store.callbacks.pop(0)(False)
-    too_long = Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001)
+    too_long = Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT)] * 2001)
     boat.autopilot.replace_plan(Request(0.0, ReplacePlan(too_long)), answers.append)
     assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
     assert boat.autopilot.plans() == Plans()

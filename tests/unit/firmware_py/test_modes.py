@@ -33,7 +33,7 @@ from firmware_py.modes import (
     stick_deflection,
 )
 
-CURRENT_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
+CURRENT_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)  # 1 m/s through the water, current of 0.3 m/s to the east
 NORMAL = Situation(heading_rad=1.0, water=CURRENT_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
 NO_HEADING = replace(NORMAL, heading_rad=None)
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=HeadingGoal(1.0))
@@ -55,7 +55,7 @@ def refuse(state, intent, verdict, situation=NORMAL):
 
 def test_start_state_follows_the_parameters():
     assert ModeState.at_start(ParameterSet()) == ModeState(Mode.HOLD, armed=False)
-    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", int(Mode.GUIDED))
     assert ModeState.at_start(parameters) == ModeState(Mode.GUIDED, armed=True)
 
 
