@@ -1,4 +1,4 @@
-"""STATUSTEXTs of keys, links and satellite messages: meaning and remedy, for the page of texts."""
+"""STATUSTEXTs of keys, links and satellite messages: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 

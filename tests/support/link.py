@@ -97,15 +97,15 @@ class FakeRequestHandler(DecideTogether):
             done(self.answer)
             return
 
-        def stored(well):
-            if well:
+        def finish(is_stored):
+            if is_stored:
                 self.stored_plans = self.stored_plans.replaced(request.intent.plan)
-            done(self.answer if well else Answer(Verdict.FAILED, "the disk is full"))
+            done(self.answer if is_stored else Answer(Verdict.FAILED, "the disk is full"))
 
         if self.at_once:
-            stored(self.plans_stored)
+            finish(self.plans_stored)
         else:
-            self.waiting.append(stored)
+            self.waiting.append(finish)
 
     def when_stored(self, call):
         if self.at_once:

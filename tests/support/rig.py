@@ -151,6 +151,7 @@ class Sailing:
 
     @property
     def where(self):
+        """Position of the hull, north and east of the start [m]."""
         return self.hull.position_m(0.0)
 
     def tick(self, *intents):
@@ -241,5 +242,5 @@ def sea(name="calm", **changes):
 
 
 def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
-    """Return a scenario that is not in the table."""
+    """Return a scenario that is not in the table: current towards `toward_deg`, waves of period and yaw amplitude."""
     return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)

@@ -8,7 +8,7 @@ NOTICE = "Duplicate system id 1 on the link: change LNK_SYSID"
 
 @pytest.fixture
 def send_as_boat(rig, texts):
-    """Send messages as system 1, component 1; return the texts that the boat reports."""
+    """Send messages with the ids of the boat (1, 1), one each `every_s`; return the texts that the boat reports."""
     rig.now_s = 100.0
     rig.tick()
 
@@ -50,7 +50,7 @@ def test_boat_with_another_autopilot_is_detected(send_as_boat):
 
 @pytest.mark.parametrize("behind_s", [-1.9, 0.0, 0.5, 59.5])
 def test_own_looped_frames_are_not_reported(rig, send_as_boat, behind_s):
-    heartbeat = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+    heartbeat = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)  # type and autopilot of the boat itself
     for _ in range(20):
         assert send_as_boat(system_time(rig, behind_s=behind_s), heartbeat, every_s=0.5) == []
     rig.now_s = 2.0**32 * 1e-3 + 0.2  # time_boot_ms of 32 bits has wrapped

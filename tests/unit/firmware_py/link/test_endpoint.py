@@ -260,7 +260,7 @@ def test_key_of_a_late_disk_is_used_once(rig):
     assert rig.endpoint.progress() == ()
 
 
-def test_transports_are_polled_and_at_the_end_sent_the_rest_and_closed(rig, of):
+def test_transports_are_polled_and_are_flushed_and_closed_at_the_end(rig, of):
     rig.tick(seconds=5.0)
     assert rig.transport.polled_s == rig.now_s
     rig.transport.is_writable = False

@@ -12,6 +12,7 @@ from firmware_py.link.files.payload import Opcode
 from firmware_py.link.peers import PeerPath, PeerPaths
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
+from firmware_py.plans.items import Command
 
 DUPLICATE_S = 10.0
 MIN_IDENTICAL_FRAMES = 3
@@ -35,7 +36,7 @@ def parameter(value):
 
 
 class TwoPaths:
-    """A rig behind a router that sends each frame on two paths; `by` selects the paths and their delays."""
+    """A rig behind a router that sends each frame on two paths; `by`: pairs of address and delay in seconds."""
 
     def __init__(self, rig):
         self.rig = rig
@@ -132,7 +133,9 @@ def test_mission_is_uploaded_over_two_lossy_paths(router, seed):
         router.send(message, paths)
 
     items = [
-        mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, 36_000_000 + n, 12_000_000, 0, 0)
+        mavlink.MAVLink_mission_item_int_message(
+            1, 1, n, 6, Command.WAYPOINT, 0, 1, 0, 0, 0, 0, 36_000_000 + n, 12_000_000, 0, 0
+        )
         for n in range(ITEMS)
     ]
     last = mavlink.MAVLink_mission_count_message(1, 1, ITEMS, 0)
@@ -177,7 +180,10 @@ def test_station_with_a_new_nat_port_continues(make_rig):
     rig = make_rig(addresses=())
     ports = [("198.51.100.7", 40_000 + number) for number in range(8)]
     rig.prove(ports[0])
-    items = [mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, n, n, 0, 0) for n in range(40)]
+    items = [
+        mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, Command.WAYPOINT, 0, 1, 0, 0, 0, 0, n, n, 0, 0)
+        for n in range(40)
+    ]
     replies = rig.send(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
     while (query := replies[-1]).get_type() == "MISSION_REQUEST_INT":
         rig.tick()

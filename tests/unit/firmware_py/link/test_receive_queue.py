@@ -132,15 +132,15 @@ def test_station_gets_replies_during_a_flood(make_rig):
     assert len(rig.endpoint._unread) < 200
 
 
-def test_long_transfers_are_sent_in_turn(make_rig):
+def test_one_call_sends_at_most_32_parameters_to_all_peers(make_rig):
     rig = make_rig(addresses=tuple(range(8)))
     rig.endpoint.service(0.0, [])
     rig.tick()
     for address in range(8):
         rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))))
-    most = 0
+    max_count = 0
     rig.endpoint.service(0.0, [100])
     while rig.endpoint.busy:
-        most = max(most, sum(message.get_type() == "PARAM_VALUE" for message in rig.replies()))
+        max_count = max(max_count, sum(message.get_type() == "PARAM_VALUE" for message in rig.replies()))
         rig.endpoint.service(0.0, [])
-    assert 0 < most <= 32
+    assert 0 < max_count <= 32

@@ -34,7 +34,7 @@ class NetworkComponent:
         return data
 
     def send(self, *messages):
-        """Send messages; return, by address, the frames of others that the boat passed on."""
+        """Send messages; return the frames that the boat forwarded, by address."""
         return self.send_frames(*map(self.frame, messages))
 
     def send_frames(self, *frames):

@@ -97,7 +97,7 @@ def test_plan_of_a_download_is_unchanged_until_its_end(station, end):
     assert station.read(2).type == PlanResult.INVALID_SEQUENCE
 
 
-def test_part_of_the_list(station):
+def test_requested_part_of_the_list_is_sent(station):
     def read_part(first, last):
         return station.exchange(mavlink.MAVLink_mission_request_partial_list_message(1, 1, first, last, 0))
 
