@@ -25,16 +25,17 @@ from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import from_bytes
 from firmware_py.core.state import State
 from firmware_py.modes import HeadingGoal, ModeState
+from firmware_py.plans.items import Command
 
 MAX_AWAITED = 256
 MAX_PENDING = 256
 PARAMETER_RATE_HZ = 0.5
-BURST = 1000.0
+BURST = 1000.0  # writes of the resume record
 RATE_HZ = 0.1
 
 UTC_S = 1.8e9
-MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=number) for number in range(5)])
-FENCE = Plan.of(PlanKind.FENCE, [PlanItem(5003, 3, params=(50.0, 0.0, 0.0, 0.0))])
+MISSION = Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=number) for number in range(5)])
+FENCE = Plan.of(PlanKind.FENCE, [PlanItem(Command.INCLUDED_CIRCLE, 3, params=(50.0, 0.0, 0.0, 0.0))])
 
 
 class FakeWriter:
@@ -52,8 +53,8 @@ class FakeWriter:
     def save_plan(self, _plan, done):
         self.plans.append(done)
 
-    def save_resume(self, text):
-        self.records.append(from_bytes(text)[0])
+    def save_resume(self, data):
+        self.records.append(from_bytes(data)[0])
 
     def when_parameters_stored(self, call):
         self.callbacks.append(call)
@@ -67,7 +68,7 @@ class FakeWriter:
 
 
 class AutopilotRig:
-    """An autopilot and its acknowledgements."""
+    """An autopilot and its acknowledgements; `level`: BOOT_RESUME."""
 
     def __init__(self, level=2, **changes):
         self.writer, self.answers, self.t_s = FakeWriter(), [], 0.0
@@ -174,7 +175,7 @@ def test_tick_does_not_overwrite_a_command_with_an_older_state(rig):
 def test_new_plan_is_acknowledged_when_the_record_with_its_progress_is_stored(rig):
     rig.command(SetMissionItem(3))
     answers = []
-    other = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])
+    other = Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=77)])
     rig.autopilot.replace_plan(Request(rig.t_s, ReplacePlan(other)), answers.append)
     rig.writer.plans.pop()(False)
     assert (answers.pop().verdict, rig.autopilot.plans().mission) == (Verdict.FAILED, MISSION)

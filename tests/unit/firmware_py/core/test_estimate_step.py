@@ -5,6 +5,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.intents import (
     Arm,
     Request,
@@ -35,8 +36,8 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, min_m, max_m)
     fix, boat.position = boat.state.position.fix, None
     boat.run(60.0)
     place = boat.state.position
-    north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
-    east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
+    north_m = EARTH_RADIUS_M * (place.latitude_rad - fix.latitude_rad)
+    east_m = EARTH_RADIUS_M * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
     assert min_m <= math.hypot(north_m, east_m) <= max_m
     assert boat.events.count("Dead reckoning started: position error grows") == armed
 
@@ -66,10 +67,8 @@ def test_stuck_position_is_reported_and_not_used_while_armed(armed, used_until_s
     assert texts.count("GPS position unchanged for 1 min: static hold?") == reports
 
 
-WRONG_POSITION, RIGHT_POSITION = (0.0, 0.1), (0.5, 0.2)
-
-
-HOME = (0.4, 0.1)
+# Latitude and longitude [rad].
+WRONG_POSITION, RIGHT_POSITION, HOME = (0.0, 0.1), (0.5, 0.2), (0.4, 0.1)
 
 
 def fixes(place, start_s, end_s, step_s=1):

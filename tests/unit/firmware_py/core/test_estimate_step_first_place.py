@@ -9,10 +9,11 @@ from firmware_py.common.intents import ReplacePlan, SetHome, SteerPosition
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.guidance.tasks import HoldStation
+from firmware_py.plans.items import Command
 from support import rig
 from support.plans import item, placed
 
-WRONG_S, WRONG_M = 20.0, (30_000.0, -4_000.0)
+WRONG_S, WRONG_M = 20.0, (30_000.0, -4_000.0)  # duration and error (north, east) of the wrong position
 TEXT = "First GPS position wrong by "
 
 
@@ -36,7 +37,7 @@ def place_of(record):
 
 def test_loiter_point_home_water_and_fence_are_reset():
     expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
-    fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
+    fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(Command.INCLUDED_CIRCLE, 0.0, 0.0, 500.0)]))
     boat = sail_from_wrong_position(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
     assert [len(boat.times_of(text)) for text in (TEXT, "Fence breached", "Fence breach cleared")] == [1, 1, 1]
     task, water = boat.state.guidance.task, boat.state.heading_estimator.water

@@ -20,6 +20,7 @@ from firmware_py.faults.row import FaultInput
 from firmware_py.guidance.fence import FenceState
 from support.plans import FENCE_ITEMS
 
+# Faults: (a compass is frozen, a compass jumps, the compasses disagree).
 FROZEN, JUMPING, DISAGREE = (True, False, False), (False, True, False), (False, False, True)
 NO_FAULT, JUMPING_AND_DISAGREE = (False, False, False), (False, True, True)
 FROZEN_S, TIMEOUTS_S = 30.0, (1.0, 1.0)

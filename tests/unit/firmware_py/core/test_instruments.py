@@ -1,4 +1,4 @@
-"""Wind sensor and echo sounder: motion of the boat, age of the measurements, reports of silence, the whole tick."""
+"""Wind sensor and echo sounder: motion of the boat, age of the measurements, reports of silence."""
 
 import math
 
@@ -23,7 +23,7 @@ from firmware_py.common.reports import Water
 from firmware_py.core import instruments
 from firmware_py.core.instruments import InstrumentLimits, InstrumentState
 
-WATER = Water(0.5, 0.1, 0.2, -0.1, 0.1, leeway_rad=0.1)
+WATER = Water(0.5, 0.1, current_north_m_s=0.2, current_east_m_s=-0.1, current_sd_m_s=0.1, leeway_rad=0.1)
 
 
 FIX = PositionSample(1.0, FixType.FIX_3D, 0.6, 2.1, speed_over_ground_m_s=1.5, course_over_ground_rad=math.pi / 2)

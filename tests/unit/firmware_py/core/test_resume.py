@@ -20,11 +20,12 @@ from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
+from firmware_py.plans.items import Command
 
 UTC_S = 1.8e9
 A, B = Place(0.6, 2.0), Place(0.61, 2.01)
 TASK = GoTo(B, A, 20.0, 100.0)
-PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=number) for number in range(5)])
+PLAN = Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=number) for number in range(5)])
 PROGRESS = MissionProgress(
     PLAN.identity, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), line_start=B, task=TASK
 )
@@ -172,5 +173,5 @@ def test_command_is_in_the_record_before_the_tick_applies_it():
 
 
 def test_new_mission_resets_the_stored_progress():
-    state = replace(at_sea(), plans=Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])))
+    state = replace(at_sea(), plans=Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=77)])))
     assert restart(state).guidance.mission.index == 0

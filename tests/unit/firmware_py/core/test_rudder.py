@@ -23,6 +23,7 @@ class Rudder:
     def tick(self, shaft_rad=None, *, sensor_rad=None, command_rad=0.0, torque_on=True, servo=True):
         t_s = 0.1 * self.index
         feedback = (RudderFeedback(t_s, shaft_rad, torque_on=torque_on),) if servo else ()
+        # The first sample of 9 rad is impossible, so it is ignored.
         angles = () if sensor_rad is None else (RudderAngleSample(t_s, 9.0), RudderAngleSample(t_s, sensor_rad))
         inputs = Inputs(Tick(self.index, t_s, 0.0, 0, 10.0), rudder=feedback, rudder_angles=angles)
         previous = self.state

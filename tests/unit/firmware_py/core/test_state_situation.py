@@ -13,13 +13,14 @@ from firmware_py.estimate import dead_reckoning
 from firmware_py.faults.table import Fault
 from firmware_py.guidance.fence import FenceState
 from firmware_py.modes import ModeState, Situation
+from firmware_py.plans.items import Command
 from support.plans import FENCE_ITEMS
 
 START = State.at_start(ParameterSet())
 FRESH = Freshness(Age.FRESH, Age.FRESH, Age.FRESH)
 FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCE_ITEMS))
-RALLY = Plans(rally=Plan.of(PlanKind.RALLY, [PlanItem(5100, 3, x=1, y=1)]))
-MISSION = Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=1, y=1)]))
+RALLY = Plans(rally=Plan.of(PlanKind.RALLY, [PlanItem(Command.RALLY_POINT, 3, x=1, y=1)]))
+MISSION = Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(Command.WAYPOINT, 3, x=1, y=1)]))
 
 
 def differences(state, freshness=FRESH):

@@ -161,7 +161,7 @@ def test_shaft_angle_includes_centre_and_direction_of_the_servo():
 
 
 def test_boot_arm_and_boot_mode_set_the_initial_state():
-    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", Mode.GUIDED)
     boat = Boat(parameters, heading_rad=2.0)
     boat.compass = False
     boat.run(1.0)
@@ -200,7 +200,7 @@ def test_invalid_position_does_not_move_the_rudder():
 @example([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 4.7e13), (0.0, 0.0, 0.0)], True)
 @given(st.lists(st.tuples(EXTREME_FLOATS, EXTREME_FLOATS, EXTREME_FLOATS), min_size=1, max_size=30), st.booleans())
 def test_any_device_input_gives_a_command_within_the_limits(rows, has_angle):
-    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", Mode.GUIDED)
     state = State.at_start(parameters)
     previous_rad = 0.0
     for index, (heading_rad, position_rad, shaft_rad) in enumerate(rows):

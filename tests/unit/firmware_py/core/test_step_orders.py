@@ -126,7 +126,8 @@ def test_home_without_coordinates_is_the_present_position(place):
 
 
 @pytest.mark.parametrize(
-    ("fence", "expected"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
+    ("fence", "expected"),
+    [((), "Fence enabled, but none is loaded: send one"), ((Command.INCLUDED_CIRCLE,), "Fence enabled")],
 )
 def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
     boat = Boat()
@@ -141,7 +142,8 @@ def test_item_that_enables_a_missing_fence_is_reported(fence, expected):
 
 
 @pytest.mark.parametrize(
-    ("kind", "command", "text"), [(PlanKind.MISSION, 16, "item 1: "), (PlanKind.FENCE, 5004, "item 0: ")]
+    ("kind", "command", "text"),
+    [(PlanKind.MISSION, Command.WAYPOINT, "item 1: "), (PlanKind.FENCE, Command.EXCLUDED_CIRCLE, "item 0: ")],
 )
 def test_refused_plan_names_the_item_in_the_count_of_the_operator(kind, command, text):
     """A ground station counts mission items from 1, because item 0 is home, and those of a fence from 0."""
