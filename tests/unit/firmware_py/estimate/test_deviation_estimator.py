@@ -16,6 +16,7 @@ from firmware_py.common.records import (
     PositionSample,
     Tick,
 )
+from firmware_py.estimate import deviation_filter
 from firmware_py.estimate.declination import declination_rad
 from firmware_py.estimate.deviation_estimator import DeviationEstimator, residual_rad
 
@@ -65,13 +66,14 @@ def take(
     estimator,
     t_s,
     heading_rad=1.0,
-    velocity=(0.5, 1.0),
+    speed_m_s=0.5,
+    course_rad=1.0,
     source=0,
     reference=NorthReference.MAGNETIC,
     variation_rad=None,
 ):
     headings = (HeadingSample(t_s, heading_rad % (2.0 * math.pi), reference, variation_rad, source=source),)
-    fix = PositionSample(t_s, FixType.FIX_3D, 0.6, 2.1, 0.0, *velocity, utc_s=UTC_S)
+    fix = PositionSample(t_s, FixType.FIX_3D, 0.6, 2.1, 0.0, speed_m_s, course_rad, utc_s=UTC_S)
     estimator.take(Inputs(Tick(0, t_s, 0.0, 0, 1.0), headings, (fix,)))
 
 
@@ -80,7 +82,7 @@ def test_minute_begins_with_the_parameters_and_at_the_smoothed_heading():
     for t_s in range(61):
         take(estimator, float(t_s))
     assert estimator.state.last_minute[1] == pytest.approx(1.0 - math.radians(7.0))
-    assert estimator.state.x[7] == pytest.approx(0.5, abs=0.01)
+    assert estimator.state.x[deviation_filter.SPEED] == pytest.approx(0.5, abs=0.01)
     estimator.set_parameters(ParameterSet().replaced("CMP_DECL_AUTO", 1).replaced("CMP_OFFSET_DEG", 10))
     for t_s in range(61, 123):
         take(estimator, float(t_s))

@@ -18,7 +18,13 @@ DEVIATION = tuple(radians(coefficient) for coefficient in (1.0, 4.0, -3.0, 1.5, 
 
 
 def sail(
-    courses_rad, leg_s=1200.0, current=(0.1, -0.05), declination_rad=0.0, settings=NO_CORRECTION, seed=1, velocity=True
+    courses_rad,
+    leg_s=1200.0,
+    current_m_s=(0.1, -0.05),
+    declination_rad=0.0,
+    settings=NO_CORRECTION,
+    seed=1,
+    has_velocity=True,
 ):
     """Sail the courses by a compass with the deviation DEVIATION; return the state."""
     rng, state, t_s, north_m, east_m = random.Random(seed), DeviationState(), 0.0, 0.0, 0.0
@@ -28,11 +34,14 @@ def sail(
             sample_rad = compass_rad + radians(rng.gauss(0.0, 1.0))
             # The compass heading is the magnetic heading minus the deviation.
             course_rad = compass_rad + deviation_rad(DEVIATION, compass_rad) + declination_rad + settings.offset_rad
-            north, east = current[0] + 0.6 * math.cos(course_rad), current[1] + 0.6 * math.sin(course_rad)
-            north_m, east_m = north_m + 2.0 * north, east_m + 2.0 * east
-            velocity_or_none = (math.hypot(north, east), math.atan2(east, north) % TWO_PI) if velocity else (None, None)
+            north_m_s = current_m_s[0] + 0.6 * math.cos(course_rad)
+            east_m_s = current_m_s[1] + 0.6 * math.sin(course_rad)
+            north_m, east_m = north_m + 2.0 * north_m_s, east_m + 2.0 * east_m_s
+            speed_and_course = (math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) % TWO_PI)
             place = (north_m / 6371000.0, east_m / 6371000.0)
-            fix = PositionSample(t_s, FixType.FIX_3D, *place, 0.0, *velocity_or_none)
+            fix = PositionSample(
+                t_s, FixType.FIX_3D, *place, 0.0, *(speed_and_course if has_velocity else (None, None))
+            )
             sample = HeadingSample(t_s, sample_rad % TWO_PI, NorthReference.MAGNETIC)
             inputs = DeviationInput((sample,), declination_rad, fix, compass_rad, (0.0, 0.0, 0.5))
             state = deviation_filter.update(settings, state, inputs, t_s)
@@ -52,7 +61,7 @@ def errors_rad(result):
     return np.subtract(result.coefficients_rad, DEVIATION)
 
 
-@pytest.mark.parametrize("options", [{"declination_rad": 0.2}, {"velocity": False}])
+@pytest.mark.parametrize("options", [{"declination_rad": 0.2}, {"has_velocity": False}])
 def test_deviation_is_estimated_in_a_current(options):
     result = estimate(random_courses(40), **options)
     assert result.ready
@@ -177,7 +186,10 @@ def test_minute_has_the_means_of_velocity_and_basis_functions(speed_m_s):
 
 
 class PlainSwing:
-    """The Kalman filter of the module's text, with matrices, from the minutes of another filter."""
+    """The Kalman filter of the module's text, with matrices, from the minutes of another filter.
+
+    `x`: coefficients A to E [rad], current north and east, speed [m/s].
+    """
 
     def __init__(self):
         self.x = np.array([*DEVIATION, 0.05, -0.1, 0.5])

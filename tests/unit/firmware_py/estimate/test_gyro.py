@@ -102,7 +102,7 @@ def test_short_difference_has_no_effect():
 
 
 @pytest.mark.parametrize(("error_deg", "agrees"), [(14.95, True), (15.05, False), (-14.95, True), (-15.05, False)])
-def test_limit_of_the_difference(error_deg, agrees):
+def test_difference_of_up_to_15_deg_is_an_agreement(error_deg, agrees):
     boat = Boat().run(10.0).run(0.1, compass_error_deg=error_deg)
     assert (boat.state.agreed_s > 0.0, boat.state.disagreed_s > 0.0) == (agrees, not agrees)
 

@@ -59,7 +59,7 @@ def matrices(levels: NoiseLevels, model: KtModel):
     return drift, noise
 
 
-def convert_item(levels: NoiseLevels, model: KtModel, step_s: float):
+def discrete_model(levels: NoiseLevels, model: KtModel, step_s: float):
     """Return transition and noise covariance of a step; the walk of the bias is added at its end."""
     drift, noise = matrices(levels, model)
     walk, noise[2, 2] = noise[2, 2], 0.0
@@ -72,7 +72,7 @@ def convert_item(levels: NoiseLevels, model: KtModel, step_s: float):
 @pytest.mark.parametrize("seed", range(5))
 def test_predict_is_the_exact_solution_of_the_linear_model(seed, step_s):
     motion, levels, rudder_rad = draw_state(seed)
-    transition, noise = convert_item(levels, LINEAR, step_s)
+    transition, noise = discrete_model(levels, LINEAR, step_s)
     # The rudder acts as a bias of the opposite sign.
     relative = state_of(motion) - (0.0, 0.0, rudder_rad, 0.0, 0.0)
     expected = transition @ relative + (0.0, 0.0, rudder_rad, 0.0, 0.0)
@@ -104,7 +104,7 @@ def test_covariance_follows_the_derivatives_of_the_cubic_model(step_s):
             shifted_motion = motion_of(state, covariance_of(motion))
             ends.append(state_of(heading_model.predict(shifted_motion, levels, MODEL, rudder_rad, step_s)))
         transition[:, column] = (ends[0] - ends[1]) / 2e-5
-    noise = convert_item(levels, LINEAR, step_s)[1]
+    noise = discrete_model(levels, LINEAR, step_s)[1]
     expected = transition @ covariance_of(motion) @ transition.T + noise
     covariance = covariance_of(heading_model.predict(motion, levels, MODEL, rudder_rad, step_s))
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))

@@ -11,7 +11,7 @@ from firmware_py.estimate.sources import SourceState, TrueHeadingSample, add_sam
 PLATEAU_TIME_S = 2.0
 PROBATION_S = 10.0
 
-EXPECTED, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
+EXPECTED_RAD, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
 
 
 def restart_time_s(off_deg, *, has_course=False, has_other=False):
@@ -21,8 +21,8 @@ def restart_time_s(off_deg, *, has_course=False, has_other=False):
         t_s = 0.1 * tick - 20.0  # the first 20 s have no error
         off_rad = radians(off_deg(t_s)) if t_s > 0.0 else 0.0
         for source, error_rad in ((0, off_rad), *(((1, 0.0),) if has_other else ())):
-            heading = (EXPECTED + error_rad + rng.gauss(0.0, 0.005)) % (2.0 * math.pi)
-            state = add_sample(state, TrueHeadingSample(t_s, heading, heading, source), EXPECTED)
+            heading_rad = (EXPECTED_RAD + error_rad + rng.gauss(0.0, 0.005)) % (2.0 * math.pi)
+            state = add_sample(state, TrueHeadingSample(t_s, heading_rad, heading_rad, source), EXPECTED_RAD)
         state = select(state, t_s, FROZEN_S, TIMEOUTS_S, has_course)
         if needs_restart(state, t_s, TIMEOUTS_S):
             return t_s

@@ -21,21 +21,36 @@ from firmware_py.estimate.sources import (
 )
 from firmware_py.model.kt import OCEAN_RAMBLER
 
-NAN, RAD = math.nan, math.radians(1.0)
+NAN, DEGREE = math.nan, math.radians(1.0)
 SETTINGS = HeadingSettings.of(ParameterSet())
 # Wave yaw of 5 deg with a period of 6 s; compass noise of 0.1 deg.
-LEVELS = PRIOR._replace(wave_sd=math.log(5.0 * RAD), wave_period=math.log(6.0), compass_noise=math.log(0.1 * RAD))
-MOTION = heading_model.begin(1.0, LEVELS)._replace(p00=(1.0 * RAD) ** 2, p03=(0.5 * RAD) ** 2, p33=(2.0 * RAD) ** 2)
+LEVELS = PRIOR._replace(wave_sd=math.log(5.0 * DEGREE), wave_period=math.log(6.0), compass_noise=math.log(0.1 * DEGREE))
+MOTION = heading_model.begin(1.0, LEVELS)._replace(
+    p00=(1.0 * DEGREE) ** 2, p03=(0.5 * DEGREE) ** 2, p33=(2.0 * DEGREE) ** 2
+)
 # A compass in use that has measured since 0 s, at 100 s.
 COMPASS = CompassState(
-    100.0, 1.0, 100.0, 100.0, 0.0, 0.0, 0.0, 1.0, False, 0.0, True, 1.0, HeadingPlateau(), CompassTurns(0.1 * RAD, 0.0)
+    100.0,
+    1.0,
+    100.0,
+    100.0,
+    0.0,
+    0.0,
+    0.0,
+    1.0,
+    False,
+    0.0,
+    True,
+    1.0,
+    HeadingPlateau(),
+    CompassTurns(0.1 * DEGREE, 0.0),
 )
 
 
 def tick_of(compass=COMPASS, in_use=Source.COMPASS_A, motion=MOTION, **changes):
     """Return the state at 100 s of an estimate that has begun at 0 s."""
     f = heading_filter.begin(0.0, 1.0)._replace(t_s=100.0, motion=motion, levels=LEVELS)
-    s = heading_tick.START._replace(filter=f, wave_yaw_rad2=(8.0 * RAD) ** 2)
+    s = heading_tick.START._replace(filter=f, wave_yaw_rad2=(8.0 * DEGREE) ** 2)
     return s._replace(sources=SourceState((compass, CompassState()), in_use))._replace(**changes)
 
 
@@ -53,14 +68,14 @@ def constant(seconds, **changes):
         (constant(6.25, sound_since_s=33.75), 8.0, True),  # 60 s of waves before
         (constant(6.25, sound_since_s=33.8), 8.0, False),
         # 20 resolution steps of 0.5 deg are two periods of waves of 5 deg, and two and a half of 4 deg.
-        (constant(12.1, turns=CompassTurns(0.5 * RAD)), 8.0, True),
-        (constant(11.9, turns=CompassTurns(0.5 * RAD)), 8.0, False),
-        (constant(15.1, turns=CompassTurns(0.5 * RAD)), 4.0, True),
-        (constant(14.9, turns=CompassTurns(0.5 * RAD)), 4.0, False),
+        (constant(12.1, turns=CompassTurns(0.5 * DEGREE)), 8.0, True),
+        (constant(11.9, turns=CompassTurns(0.5 * DEGREE)), 8.0, False),
+        (constant(15.1, turns=CompassTurns(0.5 * DEGREE)), 4.0, True),
+        (constant(14.9, turns=CompassTurns(0.5 * DEGREE)), 4.0, False),
     ],
 )
-def test_constant_number_over_a_period_of_waves_of_3_deg_is_a_contradiction(compass, wave_yaw_deg, is_contradicted):
-    s = tick_of(compass, wave_yaw_rad2=(wave_yaw_deg * RAD) ** 2)
+def test_constant_reading_over_a_period_of_waves_of_3_deg_is_a_contradiction(compass, wave_yaw_deg, is_contradicted):
+    s = tick_of(compass, wave_yaw_rad2=(wave_yaw_deg * DEGREE) ** 2)
     assert heading_tick.is_contradicted(s, compass, MOTION, 1.0) is is_contradicted
 
 
@@ -77,12 +92,12 @@ def test_constant_number_over_a_period_of_waves_of_3_deg_is_a_contradiction(comp
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("share", "is_contradicted"), [(0.99, False), (1.01, True)])
-def test_constant_number_contradicts_a_motion_that_differs_by_some_standard_deviations(
+def test_constant_reading_contradicts_a_motion_that_differs_by_some_standard_deviations(
     ratio, swings, sds, sign, share, is_contradicted
 ):
-    compass = constant(3.0, offset_rad=0.2, turns=CompassTurns(0.1 * RAD, 0.0, swings), sound_since_s=90.0)
-    variances = {"p00": (3.0 * RAD) ** 2, "p03": (1.5 * RAD) ** 2, "p33": (6.0 * RAD) ** 2}
-    sd_rad = RAD * math.sqrt(9.0 + 4.5 + 36.0 + 0.01)  # of the compass heading
+    compass = constant(3.0, offset_rad=0.2, turns=CompassTurns(0.1 * DEGREE, 0.0, swings), sound_since_s=90.0)
+    variances = {"p00": (3.0 * DEGREE) ** 2, "p03": (1.5 * DEGREE) ** 2, "p33": (6.0 * DEGREE) ** 2}
+    sd_rad = DEGREE * math.sqrt(9.0 + 4.5 + 36.0 + 0.01)  # of the compass heading
     motion = MOTION._replace(heading_rad=1.3 + sign * share * sds * sd_rad, wave_rad=-0.1, **variances)
     assert heading_tick.is_contradicted(tick_of(compass), compass, motion, ratio) is is_contradicted
 
@@ -92,8 +107,11 @@ def test_constant_number_contradicts_a_motion_that_differs_by_some_standard_devi
     [(4.9, 0.1, False), (5.1, 0.1, True), (9.9, 4.0, False), (10.1, 4.0, True)],
 )
 def test_difference_of_5_deg_or_of_2_5_resolution_steps_contradicts(difference_deg, resolution_deg, is_contradicted):
-    compass, exact = constant(3.0, turns=CompassTurns(resolution_deg * RAD)), MOTION._replace(p00=0.0, p03=0.0, p33=0.0)
-    motion = exact._replace(heading_rad=1.0 + difference_deg * RAD)
+    compass, exact = (
+        constant(3.0, turns=CompassTurns(resolution_deg * DEGREE)),
+        MOTION._replace(p00=0.0, p03=0.0, p33=0.0),
+    )
+    motion = exact._replace(heading_rad=1.0 + difference_deg * DEGREE)
     assert heading_tick.is_contradicted(tick_of(compass), compass, motion, 1.0) is is_contradicted
 
 
@@ -103,7 +121,7 @@ def standstill(compass, *, frozen_s=30.0, **changes):
     )
 
 
-def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
+def test_state_without_the_compass_is_predicted_while_the_reading_is_constant():
     """It begins at the filter, and again beyond a standard deviation of 10 deg."""
     compass = constant(1.0)
     for rudder_rad, angle_rad in ((0.3, 0.3), (NAN, 0.0)):
@@ -115,7 +133,7 @@ def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
     assert standstill(compass, uncorrected=earlier, uncorrected_s=99.0).uncorrected == expected
     for begun_s, end_s in ((-499.5, 100.5), (-500.0, -500.0)):  # 600 s and more
         assert standstill(compass, uncorrected=earlier, uncorrected_s=begun_s).uncorrected_s == end_s
-    uncertain = earlier._replace(p00=(10.1 * RAD) ** 2)
+    uncertain = earlier._replace(p00=(10.1 * DEGREE) ** 2)
     assert (
         standstill(compass, uncorrected=uncertain, uncorrected_s=99.0).uncorrected.heading_rad != expected.heading_rad
     )
@@ -141,7 +159,7 @@ def test_state_without_the_compass_is_predicted_while_the_number_is_constant():
 def test_contradicted_compass_is_replaced_by_the_state_without_it(seconds, frozen_s, off_deg, is_used):
     compass = constant(seconds, sound_since_s=90.0)
     s = standstill(
-        compass, frozen_s=frozen_s, uncorrected=MOTION._replace(heading_rad=1.0 + off_deg * RAD), uncorrected_s=100.0
+        compass, frozen_s=frozen_s, uncorrected=MOTION._replace(heading_rad=1.0 + off_deg * DEGREE), uncorrected_s=100.0
     )
     assert s.sources.compasses[0].contradicted is not is_used
     if is_used:
@@ -149,7 +167,7 @@ def test_contradicted_compass_is_replaced_by_the_state_without_it(seconds, froze
     else:
         assert s.filter.motion == s.delay.motion == s.uncorrected
         assert (s.filter.t_s, math.isnan(s.uncorrected_s)) == (100.5, True)
-        assert s.filter.motion.heading_rad == pytest.approx(1.0 + off_deg * RAD)
+        assert s.filter.motion.heading_rad == pytest.approx(1.0 + off_deg * DEGREE)
 
 
 def water_of(speed_m_s, fix_t_s=100.0):
@@ -176,7 +194,7 @@ COURSE_M_S = SETTINGS.course_speed_m_s
     ],
 )
 def test_course_needs_a_fix_speed_and_a_heading_within_20_deg(options, heading_sd_deg, source):
-    motion = MOTION._replace(p00=(heading_sd_deg * RAD) ** 2)
+    motion = MOTION._replace(p00=(heading_sd_deg * DEGREE) ** 2)
     lost = COMPASS._replace(t_s=90.0, changed_s=90.0)
     assert select(tick_of(lost, motion=motion), **options).sources.in_use is source
     unstarted = tick_of(lost, filter=heading_filter.not_started())
@@ -206,7 +224,7 @@ def test_motion_with_the_course_follows_the_rudder(step_s, is_predicted, rudder_
 
 def course(s, off_deg, sd_deg, frozen_s=30.0):
     settings = SETTINGS._replace(frozen_s=frozen_s)
-    return heading_tick.take_course(s, settings, 101.0, 1.0 + off_deg * RAD, sd_deg * RAD)
+    return heading_tick.take_course(s, settings, 101.0, 1.0 + off_deg * DEGREE, sd_deg * DEGREE)
 
 
 @pytest.mark.parametrize(
@@ -223,14 +241,14 @@ def course(s, off_deg, sd_deg, frozen_s=30.0):
         (30.1, NAN, 1.0, 30.0, False),
     ],
 )
-def test_track_contradicts_a_number_constant_for_30_s_from_30_deg_or_4_sds_on(
+def test_track_contradicts_a_reading_constant_for_30_s_from_30_deg_or_4_sds_on(
     seconds, off_deg, sd_deg, frozen_s, is_contradicted
 ):
     compass = constant(seconds, heading_rad=0.9, offset_rad=0.1)
     s = course(tick_of(compass), off_deg, sd_deg, frozen_s)
     assert s.sources.compasses[0].contradicted is is_contradicted
     if is_contradicted:
-        assert s.filter.motion == heading_model.begin(1.0 + off_deg * RAD, LEVELS)
+        assert s.filter.motion == heading_model.begin(1.0 + off_deg * DEGREE, LEVELS)
         assert s.filter.t_s == 101.0
 
 
@@ -253,10 +271,10 @@ def test_course_with_a_standard_deviation_above_1_rad_is_not_used(sd_rad, is_use
     ],
 )
 def test_jump_gate_is_20_deg_or_4_standard_deviations_of_the_waves(off_deg, wave_sd_deg, age_s, is_near):
-    motion = MOTION._replace(wave_rad=0.1, p33=(wave_sd_deg * RAD) ** 2)
+    motion = MOTION._replace(wave_rad=0.1, p33=(wave_sd_deg * DEGREE) ** 2)
     s = tick_of(COMPASS._replace(t_s=99.0, near_s=99.0), motion=motion)
     s = s._replace(filter=s.filter._replace(begun_s=100.0 - age_s))
-    heading_rad = 1.1 + off_deg * RAD
+    heading_rad = 1.1 + off_deg * DEGREE
     added = heading_tick.add_sample(s, OCEAN_RAMBLER, TrueHeadingSample(100.0, heading_rad, heading_rad, 0))
     assert (added.sources.compasses[0].near_s == 100.0) is is_near
 
@@ -287,10 +305,10 @@ def test_mean_bias_is_that_of_the_whole_time_and_later_of_5_min(age_s, step_s, g
 
 
 @pytest.mark.parametrize(("changed_s", "gain"), [(100.0, 0.025), (99.0, 0.0)])
-def test_wave_yaw_is_the_mean_of_20_s_in_which_the_number_has_changed(changed_s, gain):
+def test_wave_yaw_is_the_mean_of_20_s_in_which_the_reading_has_changed(changed_s, gain):
     s = tick_of(COMPASS._replace(changed_s=changed_s))
     after = heading_tick.take_heading(s, SETTINGS, OCEAN_RAMBLER, 100.5, 1.2, 2.0)
-    before, square = (8.0 * RAD) ** 2, after.filter.motion.wave_rad**2
+    before, square = (8.0 * DEGREE) ** 2, after.filter.motion.wave_rad**2
     assert after.wave_yaw_rad2 == pytest.approx(before + gain * (square - before))
     long_after = heading_tick.take_heading(tick_of(), SETTINGS, OCEAN_RAMBLER, 130.0, 1.2, 2.0)
     assert long_after.wave_yaw_rad2 == pytest.approx(long_after.filter.motion.wave_rad**2)
@@ -319,7 +337,7 @@ def test_predictions_are_checked_after_10_min_of_learning(age_s, is_checked):
 def test_disturbance_is_learned_after_a_minute_and_the_bias_after_ten(age_s, learned):
     s = tick_of(bias_mean_rad=0.2)
     s = s._replace(filter=s.filter._replace(begun_s=100.0 - age_s))
-    expected = (RAD**2 if learned[0] else 0.0, 0.2 if learned[1] else 0.0)
+    expected = (DEGREE**2 if learned[0] else 0.0, 0.2 if learned[1] else 0.0)
     assert heading_tick.learned_disturbance(s) == pytest.approx(expected)
 
 
@@ -368,6 +386,6 @@ def test_restart_keeps_only_the_observer_and_the_rudder():
 
 @pytest.mark.parametrize(("step_s", "after_deg"), [(0.5, 2.75), (1.0, 2.5), (5.0, 2.5), (-1.0, 3.0)])
 def test_offset_decays_for_at_most_a_second_a_tick(step_s, after_deg):
-    s = tick_of(COMPASS._replace(offset_rad=3.0 * RAD))
+    s = tick_of(COMPASS._replace(offset_rad=3.0 * DEGREE))
     after = heading_tick.begin_tick(s, 100.0, step_s, (2.0, 2.0))
-    assert after.sources.compasses[0].offset_rad == pytest.approx(after_deg * RAD)
+    assert after.sources.compasses[0].offset_rad == pytest.approx(after_deg * DEGREE)

@@ -94,10 +94,10 @@ def test_position_is_always_valid(fixes):
         (-10.0, 50.1, False),
     ],
 )
-@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize("axis", ["latitude", "longitude"])
 def test_fix_farther_than_50_m_and_4_m_s_is_a_jump(gap_s, off_m, is_accepted, axis):
     first = PositionSample(100.0, FixType.FIX_3D, 0.6, -2.0)
-    changes = (off_m / EARTH_RADIUS_M, 0.0) if axis == 1 else (0.0, off_m / EARTH_RADIUS_M / math.cos(0.6))
+    changes = (off_m / EARTH_RADIUS_M, 0.0) if axis == "latitude" else (0.0, off_m / EARTH_RADIUS_M / math.cos(0.6))
     sample = PositionSample(100.0 + gap_s, FixType.FIX_3D, 0.6 + changes[0], -2.0 + changes[1])
     state, _ = after_fixes(first)
     jumped, accepted = update(state, sample, 60.0)

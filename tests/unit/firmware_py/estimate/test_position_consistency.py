@@ -60,7 +60,7 @@ def test_voyage_is_not_reported(moved_m_s, interval_s, without_course):
 
 
 @pytest.mark.parametrize("jumps_s", [(300,), (300, 600, 900)])
-def test_single_odd_windows_are_not_reported(jumps_s):
+def test_single_inconsistent_windows_are_not_reported(jumps_s):
     fixes = (fix(float(t), 0.4 * t + 100.0 * sum(t > jump_s for jump_s in jumps_s), 0.4, 0.0) for t in range(1200))
     assert update_all(fixes)[1] == []
 

@@ -94,8 +94,10 @@ def test_filter_with_too_small_diffusion_is_rejected_and_its_deviation_grows(fac
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_comparison_after_half_a_minute(square, before, count, was_rejected, is_rejected, sign):
-    """The variance is that of the prediction, of a compass error of 0.5 deg, and of a fifth of the turn."""
+def test_mean_square_of_the_comparisons_decides_on_the_rejection(
+    square, before, count, was_rejected, is_rejected, sign
+):
+    """A comparison after 30 s; variance: of the prediction, of a compass error of 0.5 deg, of a fifth of the turn."""
     check = PredictionCheck(Motion(0.5, p00=0.004), 70.0, 0.2, before, count, was_rejected)
     for m_variance, variance in ((0.001, 0.003), (0.005, 0.0)):
         variance += radians(0.5) ** 2 + (0.2 * 0.3) ** 2  # noqa: PLW2901

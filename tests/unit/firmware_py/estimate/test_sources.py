@@ -35,7 +35,7 @@ class Compasses:
         self.texts, self.used_rad = [], []
 
     def run(self, seconds, a=0.0, b=None, *, course_ok=False, expected=1.0):
-        """Run with compass headings that differ by a and b from the expected one; None: no data, "frozen": constant."""
+        """Run with headings of A and B that differ by a, b [rad] from `expected`; None: no data, "frozen": constant."""
         for _ in range(round(10 * seconds)):
             self.t_s += 0.1
             self.state = decay_offsets(self.state, 0.1)
@@ -43,8 +43,8 @@ class Compasses:
             for source, error in ((0, a), (1, b)):
                 if error is not None:
                     noise = self.rng.gauss(0.0, 0.005) if error != "frozen" else 0.0
-                    value = 1.0 if error == "frozen" else (expected + error + noise) % (2 * math.pi)
-                    samples.append(TrueHeadingSample(self.t_s, value, value, source))
+                    heading_rad = 1.0 if error == "frozen" else (expected + error + noise) % (2 * math.pi)
+                    samples.append(TrueHeadingSample(self.t_s, heading_rad, heading_rad, source))
             for sample in samples:
                 self.state = add_sample(self.state, sample, expected)
             previous = self.state.in_use
@@ -122,7 +122,7 @@ def test_course_is_used_when_no_compass_is_sound():
     assert compasses.run(0.2) is Source.COMPASS_A
 
 
-def test_compass_that_rarely_changes_its_number_is_not_frozen():
+def test_compass_that_rarely_changes_its_reading_is_not_frozen():
     compasses = Compasses()
     for value in range(20):
         compasses.run(FROZEN_S / 2.0, a="frozen")
@@ -154,7 +154,7 @@ def freeze_in_a_turn():
     return compasses
 
 
-def test_compass_frozen_in_a_turn_is_not_used_until_its_number_changes():
+def test_compass_frozen_in_a_turn_is_not_used_until_its_reading_changes():
     compasses = freeze_in_a_turn()
     assert compasses.run(1.0, a="frozen", b=0.0) is Source.COMPASS_B
     assert compasses.is_frozen
@@ -163,7 +163,7 @@ def test_compass_frozen_in_a_turn_is_not_used_until_its_number_changes():
 
 
 @pytest.mark.parametrize("b", [None, 0.0, "frozen"])
-def test_constant_number_without_a_turn_is_no_fault(b):
+def test_constant_reading_without_a_turn_is_no_fault(b):
     compasses = Compasses()
     assert compasses.run(20.0 * FROZEN_S, a="frozen", b=b) is Source.COMPASS_A
     assert not compasses.is_frozen
@@ -193,7 +193,7 @@ def test_constant_compass_is_frozen_while_the_other_turns(rate_deg_s):
         (((0.5, 1200),), 1.5),  # lower limit
     ],
 )
-def test_standstill_begins_after_twice_the_longest_time_with_one_number(history, limit_s):
+def test_standstill_begins_after_twice_the_longest_time_with_one_reading(history, limit_s):
     state, t_s, number = CompassState(sound_since_s=0.0), 0.0, 0
     for interval_s, count in history:
         for _ in range(count):
@@ -213,7 +213,7 @@ def test_resolution_of_a_compass_is_learned(resolution_deg):
     assert state.turns.resolution_rad == pytest.approx(radians(resolution_deg))
 
 
-def test_compass_that_recovers_with_the_same_number_is_not_frozen():
+def test_compass_that_recovers_with_the_same_reading_is_not_frozen():
     """The time without data, as of a compass that is off for a night, does not count as a standstill."""
     compasses = Compasses()
     compasses.run(20.0)

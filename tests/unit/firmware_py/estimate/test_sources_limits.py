@@ -15,19 +15,19 @@ from firmware_py.estimate.sources import (
     update_compass,
 )
 
-NAN, RAD = math.nan, math.radians(1.0)
+NAN, DEGREE = math.nan, math.radians(1.0)
 # A compass at 10 s that measures, is sound since 0 s and near the estimate of 1 rad.
 SOUND = CompassState(
-    10.0, 1.0, 10.0, 10.0, 0.0, 0.0, 0.0, 1.0, False, 0.0, True, 1.0, HeadingPlateau(), CompassTurns(0.1 * RAD, 0.0)
+    10.0, 1.0, 10.0, 10.0, 0.0, 0.0, 0.0, 1.0, False, 0.0, True, 1.0, HeadingPlateau(), CompassTurns(0.1 * DEGREE, 0.0)
 )
 FROZEN = SOUND._replace(contradicted=True, changed_s=9.0)
 
 
 def at(compass=SOUND, off_deg=0.0, t_s=10.1, raw_rad=None, gate_deg=20.0, expected_rad=1.0):
     """Return the compass after a heading that differs from 1 rad by off_deg."""
-    heading_rad = 1.0 + off_deg * RAD
+    heading_rad = 1.0 + off_deg * DEGREE
     sample = TrueHeadingSample(t_s, heading_rad, heading_rad if raw_rad is None else raw_rad, 0)
-    return update_compass(compass, sample, expected_rad, gate_deg * RAD)
+    return update_compass(compass, sample, expected_rad, gate_deg * DEGREE)
 
 
 @pytest.mark.parametrize(
@@ -38,8 +38,8 @@ def at(compass=SOUND, off_deg=0.0, t_s=10.1, raw_rad=None, gate_deg=20.0, expect
         (SOUND, {"off_deg": 20.1}, 10.0),
         (SOUND, {"off_deg": -20.1}, 10.0),
         (SOUND, {"off_deg": 29.9, "gate_deg": 30.0}, 10.1),
-        (SOUND._replace(offset_rad=-10.0 * RAD), {"off_deg": 29.9}, 10.1),
-        (SOUND._replace(offset_rad=10.0 * RAD), {"off_deg": 10.1}, 10.0),
+        (SOUND._replace(offset_rad=-10.0 * DEGREE), {"off_deg": 29.9}, 10.1),
+        (SOUND._replace(offset_rad=10.0 * DEGREE), {"off_deg": 10.1}, 10.0),
         (SOUND, {"off_deg": 50.0, "t_s": 10.9}, 10.0),
         (SOUND, {"off_deg": 50.0, "t_s": 11.2}, 10.2),  # the first heading outside counts for at most a second
         (SOUND._replace(near_s=9.0), {"off_deg": 50.0, "t_s": 11.2}, 9.0),
@@ -52,19 +52,19 @@ def test_heading_inside_the_gate_is_near(compass, options, near_s):
 
 
 @pytest.mark.parametrize(("offset_deg", "agreed"), [(8.2, True), (8.8, False), (-21.0, True), (-22.0, False)])
-def test_differences_are_smoothed_over_10_s_and_the_longest_constant_number_is_remembered(offset_deg, agreed):
+def test_differences_are_smoothed_over_10_s_and_the_longest_constant_reading_is_remembered(offset_deg, agreed):
     before = SOUND._replace(
         changed_s=8.0,
         difference_rad=0.1,
         steady_rad=0.11,
-        offset_rad=offset_deg * RAD,
+        offset_rad=offset_deg * DEGREE,
         longest_s=3.0,
         agreed=not agreed,
     )
     expected = before._replace(
-        t_s=10.5, raw_rad=0.9, changed_s=10.5, near_s=10.5, heading_rad=1.0 + 12.0 * RAD, agreed=agreed,
-        difference_rad=pytest.approx(0.1 + 0.05 * (12.0 * RAD - 0.1)), longest_s=3.0 * math.exp(-2.5 / 600.0),
-        steady_rad=pytest.approx(0.11 + 0.05 * (12.0 * RAD - 0.11)), turns=pytest.approx(before.turns, nan_ok=True),
+        t_s=10.5, raw_rad=0.9, changed_s=10.5, near_s=10.5, heading_rad=1.0 + 12.0 * DEGREE, agreed=agreed,
+        difference_rad=pytest.approx(0.1 + 0.05 * (12.0 * DEGREE - 0.1)), longest_s=3.0 * math.exp(-2.5 / 600.0),
+        steady_rad=pytest.approx(0.11 + 0.05 * (12.0 * DEGREE - 0.11)), turns=pytest.approx(before.turns, nan_ok=True),
     )  # fmt: skip
     updated = at(before, 12.0, 10.5, raw_rad=0.9, gate_deg=40.0)
     assert updated._replace(turns=before.turns) == expected._replace(turns=before.turns)
@@ -85,27 +85,27 @@ SETTLED = HeadingPlateau(2.0, 8.0, turned=True)
     ("compass", "off_deg", "t_s", "expected"),
     [
         # A step of 90 deg/s and 3 deg is a turn, up to 20 deg.
-        (SOUND._replace(heading_rad=1.0 + 19.0 * RAD), 19.0 + 11.9, 10.1, (10.1, True)),
-        (SOUND._replace(heading_rad=1.0 + 19.0 * RAD), 19.0 + 12.1, 10.1, (10.1, False)),
-        (SOUND._replace(heading_rad=1.0 - 19.0 * RAD), -19.0 - 11.9, 10.1, (10.1, True)),
-        (SOUND._replace(heading_rad=1.0 + 19.0 * RAD), 19.0 + 19.9, 12.0, (12.0, True)),
-        (SOUND._replace(heading_rad=1.0 + 19.0 * RAD), 19.0 + 20.1, 12.0, (12.0, False)),
+        (SOUND._replace(heading_rad=1.0 + 19.0 * DEGREE), 19.0 + 11.9, 10.1, (10.1, True)),
+        (SOUND._replace(heading_rad=1.0 + 19.0 * DEGREE), 19.0 + 12.1, 10.1, (10.1, False)),
+        (SOUND._replace(heading_rad=1.0 - 19.0 * DEGREE), -19.0 - 11.9, 10.1, (10.1, True)),
+        (SOUND._replace(heading_rad=1.0 + 19.0 * DEGREE), 19.0 + 19.9, 12.0, (12.0, True)),
+        (SOUND._replace(heading_rad=1.0 + 19.0 * DEGREE), 19.0 + 20.1, 12.0, (12.0, False)),
         # Settled within 15 deg of the first heading, without a jump.
         (SOUND._replace(near_s=7.0, heading_rad=2.0, plateau=SETTLED), math.degrees(1.0) + 10.0, 10.1, (8.0, True)),
         (
-            SOUND._replace(near_s=7.0, heading_rad=2.0 + 10 * RAD, plateau=SETTLED),
+            SOUND._replace(near_s=7.0, heading_rad=2.0 + 10 * DEGREE, plateau=SETTLED),
             math.degrees(1) + 14.9,
             10.1,
             (8.0, True),
         ),
         (
-            SOUND._replace(near_s=7.0, heading_rad=2.0 + 10 * RAD, plateau=SETTLED),
+            SOUND._replace(near_s=7.0, heading_rad=2.0 + 10 * DEGREE, plateau=SETTLED),
             math.degrees(1) + 15.1,
             10.1,
             (10.1, True),
         ),
         (
-            SOUND._replace(near_s=7.0, heading_rad=2.0 - 10 * RAD, plateau=SETTLED),
+            SOUND._replace(near_s=7.0, heading_rad=2.0 - 10 * DEGREE, plateau=SETTLED),
             math.degrees(1) - 15.1,
             10.1,
             (10.1, True),
@@ -115,7 +115,7 @@ SETTLED = HeadingPlateau(2.0, 8.0, turned=True)
         (SOUND._replace(near_s=7.0, heading_rad=2.0, plateau=HeadingPlateau()), 60.0, 10.1, (10.1, False)),
         (SOUND._replace(heading_rad=2.0, plateau=SETTLED), 60.0, 10.1, (10.1, True)),
         (SOUND._replace(near_s=7.0, heading_rad=2.0, plateau=SETTLED), 0.0, 10.1, (NAN, False)),
-        (SOUND._replace(raw_rad=NAN, heading_rad=1.0 + 19.0 * RAD), 25.0, 10.1, (10.1, False)),
+        (SOUND._replace(raw_rad=NAN, heading_rad=1.0 + 19.0 * DEGREE), 25.0, 10.1, (10.1, False)),
     ],
 )
 def test_plateau_begins_with_a_turn_or_a_jump_and_lasts_within_15_deg(compass, off_deg, t_s, expected):
@@ -156,22 +156,22 @@ OSCILLATED = SOUND.turns._replace(swings=3.0)
         ({"changed_s": -20.1, "turns": OSCILLATED}, {}, True),
         ({"changed_s": -20.1, "turns": OSCILLATED._replace(swings=2.9)}, {}, False),
         ({"changed_s": -20.0, "turns": OSCILLATED}, {}, False),
-        ({"changed_s": -20.1}, {"steady_rad": 15.1 * RAD}, True),
-        ({"changed_s": -20.1}, {"steady_rad": -15.1 * RAD}, True),
-        ({"changed_s": -20.1}, {"steady_rad": 14.9 * RAD}, False),
-        ({"changed_s": -20.0}, {"steady_rad": 15.1 * RAD}, False),
-        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * RAD)}, {"steady_rad": 15.1 * RAD}, False),
-        ({"changed_s": -20.1}, {"steady_rad": 15.1 * RAD, "near_s": 9.0}, False),
-        ({"changed_s": -20.1}, {"steady_rad": 15.1 * RAD, "near_s": 9.0, "plateau": SETTLED}, True),
+        ({"changed_s": -20.1}, {"steady_rad": 15.1 * DEGREE}, True),
+        ({"changed_s": -20.1}, {"steady_rad": -15.1 * DEGREE}, True),
+        ({"changed_s": -20.1}, {"steady_rad": 14.9 * DEGREE}, False),
+        ({"changed_s": -20.0}, {"steady_rad": 15.1 * DEGREE}, False),
+        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * DEGREE)}, {"steady_rad": 15.1 * DEGREE}, False),
+        ({"changed_s": -20.1}, {"steady_rad": 15.1 * DEGREE, "near_s": 9.0}, False),
+        ({"changed_s": -20.1}, {"steady_rad": 15.1 * DEGREE, "near_s": 9.0, "plateau": SETTLED}, True),
         # With a resolution of 8 deg, 2.5 steps are 20 deg.
-        ({"changed_s": -20.1, "turns": CompassTurns(8.0 * RAD, 0.0)}, {"steady_rad": 19.9 * RAD}, False),
-        ({"changed_s": -20.1, "turns": CompassTurns(8.0 * RAD, 0.0)}, {"steady_rad": 20.1 * RAD}, True),
-        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * RAD, 5.0 * RAD)}, {"steady_rad": 10.1 * RAD}, True),
-        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * RAD, 5.0 * RAD)}, {"steady_rad": 9.9 * RAD}, False),
+        ({"changed_s": -20.1, "turns": CompassTurns(8.0 * DEGREE, 0.0)}, {"steady_rad": 19.9 * DEGREE}, False),
+        ({"changed_s": -20.1, "turns": CompassTurns(8.0 * DEGREE, 0.0)}, {"steady_rad": 20.1 * DEGREE}, True),
+        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * DEGREE, 5.0 * DEGREE)}, {"steady_rad": 10.1 * DEGREE}, True),
+        ({"changed_s": -20.1, "turns": CompassTurns(0.1 * DEGREE, 5.0 * DEGREE)}, {"steady_rad": 9.9 * DEGREE}, False),
         ({"contradicted": True}, {}, True),
     ],
 )
-def test_constant_number_is_contradicted_by_waves_or_by_a_turn_of_the_other_compass(changes, other, is_contradicted):
+def test_constant_reading_is_contradicted_by_waves_or_by_a_turn_of_the_other_compass(changes, other, is_contradicted):
     compass = SOUND._replace(**changes)
     result = sources.compare_compasses(compass, SOUND._replace(**other), 30.0)
     assert result == compass._replace(contradicted=is_contradicted, turns=result.turns)
@@ -236,12 +236,12 @@ def test_source_is_the_first_sound_compass_after_a_probation_of_10_s(previous, a
 )
 def test_new_source_begins_with_an_offset_to_the_estimate(previous, lost, offsets_deg):
     compasses = [
-        SOUND._replace(difference_rad=4.0 * RAD, near_s=9.0),
-        SOUND._replace(difference_rad=7.0 * RAD, near_s=9.0),
+        SOUND._replace(difference_rad=4.0 * DEGREE, near_s=9.0),
+        SOUND._replace(difference_rad=7.0 * DEGREE, near_s=9.0),
     ]
     compasses[lost] = compasses[lost]._replace(t_s=5.0, changed_s=5.0, near_s=5.0)
     result = sources.select(SourceState(tuple(compasses), previous), 10.0, 30.0, (1.0, 1.0), True)
-    assert [compass.offset_rad / RAD for compass in result.compasses] == pytest.approx(offsets_deg)
+    assert [compass.offset_rad / DEGREE for compass in result.compasses] == pytest.approx(offsets_deg)
     changed_s = [
         10.0 if offset_deg else compass.near_s for offset_deg, compass in zip(offsets_deg, compasses, strict=True)
     ]
@@ -251,14 +251,16 @@ def test_new_source_begins_with_an_offset_to_the_estimate(previous, lost, offset
 @pytest.mark.parametrize(("before_deg", "after_deg"), [(3.0, 2.5), (-3.0, -2.5), (0.4, 0.0), (-0.4, 0.0)])
 def test_offset_decays_by_half_a_degree_a_second(before_deg, after_deg):
     for pair in ((before_deg, 0.0), (0.0, before_deg)):
-        state = SourceState(tuple(SOUND._replace(offset_rad=deg * RAD, near_s=9.5) for deg in pair), Source.COMPASS_A)
+        state = SourceState(
+            tuple(SOUND._replace(offset_rad=deg * DEGREE, near_s=9.5) for deg in pair), Source.COMPASS_A
+        )
         result = sources.decay_offsets(state, 1.0)
         expected = [after_deg if deg else 0.0 for deg in pair]
-        assert [compass.offset_rad / RAD for compass in result.compasses] == pytest.approx(expected)
+        assert [compass.offset_rad / DEGREE for compass in result.compasses] == pytest.approx(expected)
         assert [compass._replace(offset_rad=0.0) for compass in result.compasses] == [SOUND._replace(near_s=9.5)] * 2
 
 
-TURNED = SOUND._replace(changed_s=9.0, turns=CompassTurns(1.0 * RAD, 0.3, 2.0, 1.0, 1.0))
+TURNED = SOUND._replace(changed_s=9.0, turns=CompassTurns(1.0 * DEGREE, 0.3, 2.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -278,13 +280,13 @@ TURNED = SOUND._replace(changed_s=9.0, turns=CompassTurns(1.0 * RAD, 0.3, 2.0, 1
     ],
 )
 def test_turns_are_counted_from_2_5_resolution_steps(compass, raw_deg, expected):
-    """Resolution and farthest number in degrees, from 1 rad; the memory of the swings is 20 s."""
-    turns = at(compass, t_s=10.0, raw_rad=1.0 + raw_deg * RAD).turns
+    """Resolution and farthest reading in degrees, from 1 rad; the memory of the swings is 20 s."""
+    turns = at(compass, t_s=10.0, raw_rad=1.0 + raw_deg * DEGREE).turns
     if expected is not TURNED.turns:
         resolution_deg, apart_rad, swings, farthest_deg, rising = expected
         if swings:
             swings = swings - 2.0 + 2.0 * math.exp(-1.0 / 20.0)
-        expected = (resolution_deg * RAD, apart_rad, swings, 1.0 + farthest_deg * RAD, rising)
+        expected = (resolution_deg * DEGREE, apart_rad, swings, 1.0 + farthest_deg * DEGREE, rising)
     assert turns == pytest.approx(expected, rel=1e-9)
 
 
@@ -305,7 +307,7 @@ def test_no_compass_is_in_use_with_the_course():
 
 @pytest.mark.parametrize(("other_deg", "disagree"), [(14.9, False), (15.1, True), (-15.1, True), (NAN, False)])
 def test_compasses_disagree_from_15_deg_on(other_deg, disagree):
-    state = SourceState((SOUND, SOUND._replace(steady_rad=other_deg * RAD)), Source.COMPASS_A)
+    state = SourceState((SOUND, SOUND._replace(steady_rad=other_deg * DEGREE)), Source.COMPASS_A)
     assert sources.compasses_disagree(state) is disagree
 
 
@@ -318,7 +320,7 @@ def test_compasses_disagree_from_15_deg_on(other_deg, disagree):
         ({"changed_s": -20.1, "contradicted": True}, 0.0, False, False),
     ],
 )
-def test_number_is_constant_for_cmp_frozen_s(changes, frozen_s, has_stood, has_stopped):
+def test_reading_is_constant_for_cmp_frozen_s(changes, frozen_s, has_stood, has_stopped):
     compass = SOUND._replace(**changes)
     assert sources.has_stood_still(compass, frozen_s) is has_stood
     assert sources.has_stopped_measuring(compass, frozen_s) is has_stopped

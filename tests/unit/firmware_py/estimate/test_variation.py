@@ -24,7 +24,7 @@ MODEL, CONFIGURED, NOT_CONFIGURED = {"CMP_DECL_AUTO": 1}, {"CMP_DECL_DEG": MODEL
 
 
 def estimate_heading(body, settings, *bodies):
-    """Return the true heading [deg] after three seconds with these sentences, and the reports."""
+    """Return the true heading [deg] after 3 s with these sentences, and the reports; `settings`: parameters."""
     values = reduce(lambda result, item: result.replaced(*item), settings.items(), ParameterSet())
     state, line, texts = State.at_start(values), FakeLine(), []
     compass, settings = NmeaCompass(line, NmeaCompassOptions()), settings_of(values)

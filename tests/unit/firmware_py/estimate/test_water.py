@@ -14,6 +14,10 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 STEP_S = 2.0
 
 
+# `water_filter.begin`: time, position [m], speed and its standard deviation, current north and east and its standard
+# deviation, sideways speed and its standard deviation [m/s].
+
+
 class Passage:
     """A boat on a sequence of headings, with a position every 2 s with white noise."""
 
@@ -59,12 +63,14 @@ class Passage:
         )
 
 
-@pytest.mark.parametrize(("speed", "current"), [(0.2, (0.1, -0.25)), (0.4, (-0.5, 0.3)), (0.9, (0.0, 0.0))])
-def test_speed_and_current_are_estimated_after_four_legs(speed, current):
-    passage = Passage(speed, *current)
+@pytest.mark.parametrize(
+    ("true_speed_m_s", "current_m_s"), [(0.2, (0.1, -0.25)), (0.4, (-0.5, 0.3)), (0.9, (0.0, 0.0))]
+)
+def test_speed_and_current_are_estimated_after_four_legs(true_speed_m_s, current_m_s):
+    passage = Passage(true_speed_m_s, *current_m_s)
     assert passage.errors(passage.sail_square()) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
     north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(passage.state)
-    assert (north_m_s, east_m_s, speed_m_s) == pytest.approx((*current, speed), abs=0.06)
+    assert (north_m_s, east_m_s, speed_m_s) == pytest.approx((*current_m_s, true_speed_m_s), abs=0.06)
     assert abs(leeway_rad) < 0.3
 
 
@@ -77,9 +83,9 @@ def test_turns_separate_leeway_and_current():
     assert water.over_ground_m_s(passage.state, math.radians(45.0)) == pytest.approx(expected, abs=0.06)
 
 
-@pytest.mark.parametrize("drift", [0.0, 0.7, 0.9])
-def test_current_weaker_than_the_speed_is_never_too_strong(drift):
-    passage, verdicts = Passage(0.5, 0.5 * drift, 0.0), []
+@pytest.mark.parametrize("current_ratio", [0.0, 0.7, 0.9])
+def test_current_weaker_than_the_speed_is_never_too_strong(current_ratio):
+    passage, verdicts = Passage(0.5, 0.5 * current_ratio, 0.0), []
     for heading_deg in (0.0, 180.0, 90.0, 180.0):
         for _ in range(8):
             passage.sail(heading_deg, 50.0)

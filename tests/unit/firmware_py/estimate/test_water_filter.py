@@ -31,7 +31,18 @@ NO_VERDICT = CurrentVerdict(math.nan, 0.0, 0.0)
 
 
 def initial_filter(speed_m_s: float = 0.4) -> WaterFilter:
-    return begin(0.0, 0.0, 0.0, speed_m_s, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
+    return begin(
+        0.0,
+        0.0,
+        0.0,
+        speed_m_s,
+        speed_sd_m_s=0.3,
+        current_north_m_s=0.0,
+        current_east_m_s=0.0,
+        current_sd_m_s=0.3,
+        sideways_m_s=0.0,
+        sideways_sd_m_s=0.1,
+    )
 
 
 class Boat:
@@ -249,7 +260,7 @@ class Column:
     """A column of numbers, each a float of Python."""
 
     def __init__(self, numbers):
-        self.rng, self.size = numbers.tolist(), numbers.size
+        self.numbers, self.size = numbers.tolist(), numbers.size
 
     def __getitem__(self, number):
-        return self.rng[number]
+        return self.numbers[number]

@@ -10,6 +10,8 @@ from firmware_py.estimate import water_filter
 from firmware_py.estimate.water_filter import begin, correct, take_heading, water_at
 from support.heading_recording import discretize
 
+# `begin`: time, position [m], speed and its standard deviation, current north and east and its standard deviation,
+# sideways speed and its standard deviation [m/s].
 N, UPPER = 7, np.triu_indices(4)
 MEMORY_S = 30.0  # of the speed deviation
 # Speed deviation [m/s], walk of the current [m/s/sqrt(s)], drift [m/sqrt(s)] and noise of the position [m].

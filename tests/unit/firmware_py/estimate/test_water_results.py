@@ -18,6 +18,8 @@ from firmware_py.estimate.water_results import (
     over_ground,
 )
 
+# `begin`: time, position [m], speed and its standard deviation, current north and east and its standard deviation,
+# sideways speed and its standard deviation [m/s].
 N, UPPER = 7, np.triu_indices(4)
 MEMORY_S = 30.0  # of the speed deviation
 
@@ -36,7 +38,7 @@ def water_of(north, east, u, v, p, s=0.05):
     return Water(u + s, 0.0, u, 0.0, v, 0.0, 0.0, 0.0, north, east, 0.0, tuple(map(float, p[UPPER])))
 
 
-def slopes(function, values):
+def derivatives(function, values):
     """Return the derivatives of a function of several numbers."""
     steps = 1e-6 * np.eye(len(values))
     return np.array([(function(*(values + step)) - function(*(values - step))) / 2e-6 for step in steps])
@@ -50,7 +52,7 @@ def draw_covariance(seed=2):
 @pytest.mark.parametrize("values", [(0.3, -0.2, 0.4, 0.1), (-0.5, 0.1, 0.2, -0.05)])
 def test_excess_of_the_current_has_the_variance_of_its_derivatives(values):
     p = draw_covariance()
-    gradient = slopes(lambda n, e, u, v: math.hypot(n, e) - math.hypot(u, v), np.array(values))
+    gradient = derivatives(lambda n, e, u, v: math.hypot(n, e) - math.hypot(u, v), np.array(values))
     excess_m_s, sd_m_s = current_excess(water_of(*values, p))
     assert excess_m_s == pytest.approx(math.hypot(*values[:2]) - math.hypot(*values[2:]))
     assert sd_m_s == pytest.approx(math.sqrt(gradient @ p @ gradient), rel=1e-6)
@@ -71,8 +73,11 @@ TURNED, NOT_TURNED = CurrentVerdict(98.0, 118.0, 0.0, 1.0, 0.0, 1.0), CurrentVer
 STRONG = CurrentVerdict(98.0, 118.0, 1.0, 1.0, 0.0, 1.0)
 
 
-def judged(verdict=TURNED, age_s=0.0, heading=0.0, excess_sds=2.4, north=-1.0):
-    """Return the verdict at 100 s + age_s; the boat has sailed on one heading at 0.5 m/s since the last position."""
+def verdict_at(verdict=TURNED, age_s=0.0, heading=0.0, excess_sds=2.4, north=-1.0):
+    """Return the verdict at 100 s + age_s; the boat has sailed on one heading [rad] at 0.5 m/s since the last position.
+
+    `north`: direction of the current, 1 north or -1 south.
+    """
     state = begin(100.0, 0.0, 0.0, 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)._replace(known_s=150.0)
     state = state._replace(cosine_s=150.0 * math.cos(heading), sine_s=150.0 * math.sin(heading))
     sd_m_s = 0.5 / abs(excess_sds)
@@ -101,7 +106,7 @@ def judged(verdict=TURNED, age_s=0.0, heading=0.0, excess_sds=2.4, north=-1.0):
     ],
 )
 def test_verdict_needs_an_observable_excess_of_2_33_standard_deviations_for_2_min(options, expected):
-    assert tuple(judged(**options)) == pytest.approx(expected, nan_ok=True)
+    assert tuple(verdict_at(**options)) == pytest.approx(expected, nan_ok=True)
 
 
 def test_dead_reckoning_has_the_variance_of_all_its_errors():
@@ -141,21 +146,21 @@ def track_along(seed, excess_sds, duration_s=20.0):
     noise = (2.0 * 0.3**2 / duration_s + 0.15**2) / duration_s
     direction = np.array([math.cos(2.2), math.sin(2.2)])
 
-    def speeds(n, e, u, v, way):
-        return math.hypot(way[0] - n, way[1] - e) - math.hypot(u, v)
+    def speeds(n, e, u, v, velocity_m_s):
+        return math.hypot(velocity_m_s[0] - n, velocity_m_s[1] - e) - math.hypot(u, v)
 
-    def heading(n, e, u, v, way):
-        return math.atan2(way[1] - e, way[0] - n) - math.atan2(v, u)
+    def heading(n, e, u, v, velocity_m_s):
+        return math.atan2(velocity_m_s[1] - e, velocity_m_s[0] - n) - math.atan2(v, u)
 
-    def way_at(excess_m_s):
+    def velocity_at(excess_m_s):
         return values[:2] + (math.hypot(*values[2:]) + excess_m_s) * direction
 
-    gradient = slopes(lambda *x: speeds(*x, way_at(0.0)), values)
+    gradient = derivatives(lambda *x: speeds(*x, velocity_at(0.0)), values)
     excess_m_s = excess_sds * math.sqrt(gradient @ p @ gradient + noise + 0.1**2)
-    way = way_at(excess_m_s)
-    gradient = slopes(lambda *x: heading(*x, way), values)
+    velocity_m_s = velocity_at(excess_m_s)
+    gradient = derivatives(lambda *x: heading(*x, velocity_m_s), values)
     sd_rad = math.sqrt(gradient @ p @ gradient + noise / (math.hypot(*values[2:]) + excess_m_s) ** 2)
-    return (state, 100.0, *map(float, way * duration_s), duration_s), (heading(*values, way), sd_rad)
+    return (state, 100.0, *map(float, velocity_m_s * duration_s), duration_s), (heading(*values, velocity_m_s), sd_rad)
 
 
 @pytest.mark.parametrize("excess_sds", [0.0, 2.0, -1.0, 2.999])
