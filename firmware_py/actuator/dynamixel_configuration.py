@@ -37,7 +37,7 @@ class Request(msgspec.Struct, frozen=True):
     kind: Kind
     frame: bytes
     name: str
-    parameters: int = 0  # number of bytes of the reply
+    parameters: int = 0  # number of parameter bytes in the reply
     block: table.Block | None = None  # the block that is read or changed
     counts: int = 0  # the goal that is sent with it
 

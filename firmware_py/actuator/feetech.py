@@ -8,7 +8,7 @@ at once: 60 bytes, 0.6 ms at 1 Mbaud and 5.2 ms at 115200 baud.
   sets the lock and then corrects operating mode and response level, after each start and each power loss of the servo.
   Limits, gains and protections are those that the servo has stored.
 * The autopilot limits the rate of the rudder, so the speed stays that of power-up and the acceleration is the largest,
-  2,210 deg/s^2. It is 0 after power-up, by which the driver notices that the servo has lost power, also while released.
+  2,210 deg/s^2. Its register is 0 after power-up: so the driver notices a power loss, also of a released servo.
 * One write switches the torque on and sets the goal, so the shaft does not move to an older goal.
 * The servo has no bus watchdog: if the autopilot fails, the shaft moves to the last goal and holds it.
 * During silence the driver reads the settings, and every other time sends the goal: a servo whose replies are lost may

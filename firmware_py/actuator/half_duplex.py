@@ -47,7 +47,7 @@ class HalfDuplex(Generic[RequestT]):
     """
 
     __slots__ = (
-        *("_given_up_requests", "_line", "_openings", "_reply_timeout_s", "_unanswered_count", "_waiting_since_s"),
+        *("_given_up_requests", "_line", "_openings", "_reply_timeout_s", "_lost_count", "_waiting_since_s"),
         *("pending_request", "sent_s"),
     )
 
@@ -57,7 +57,7 @@ class HalfDuplex(Generic[RequestT]):
         self._reply_timeout_s = reply_timeout_s
         self._openings = line.openings
         self.sent_s = 0.0  # time of the last request
-        self._unanswered_count = 0
+        self._lost_count = 0  # requests given up since the last reply
         self._waiting_since_s: float | None = None
         self._given_up_requests: deque[tuple[RequestT, float]] = deque()  # with the time of sending; oldest first
         self.pending_request: RequestT | None = None
@@ -84,7 +84,7 @@ class HalfDuplex(Generic[RequestT]):
         """End the exchange after its reply, and discard the requests that were given up."""
         self.pending_request = None
         self._given_up_requests.clear()
-        self._unanswered_count = 0
+        self._lost_count = 0
         self._waiting_since_s = None
 
     def match_reply(self, matches: Callable[[RequestT], bool]) -> MatchedRequest[RequestT] | None:
@@ -107,7 +107,7 @@ class HalfDuplex(Generic[RequestT]):
         if uncertain is not None:
             self._given_up_requests.append((uncertain, newest_sent_s))
             self.pending_request = None
-        self._unanswered_count = 0
+        self._lost_count = 0
         self._waiting_since_s = None if self.pending_request is None else newest_sent_s
         return MatchedRequest(request, sent_s, len(matching) == 1 and uncertain is None, uncertain)
 
@@ -120,13 +120,13 @@ class HalfDuplex(Generic[RequestT]):
         while self._given_up_requests and now_s - self._given_up_requests[0][1] > MAX_REPLY_DELAY_S:
             self._given_up_requests.popleft()
         self._given_up_requests.append((request, self.sent_s))
-        self._unanswered_count += 1
+        self._lost_count += 1
         return request
 
     def is_silent(self, now_s: float) -> bool:
         """Return whether the device has stopped replying."""
         waiting_since_s = self._waiting_since_s
-        if waiting_since_s is None or self._unanswered_count < SILENT_AFTER_REQUESTS:
+        if waiting_since_s is None or self._lost_count < SILENT_AFTER_REQUESTS:
             return False
         return now_s - waiting_since_s >= SILENT_AFTER_S
 

@@ -1,7 +1,7 @@
 """Driver of a hobby servo on a PWM output of the computer (Linux pwmchip).
 
 The line (system/pwm_line.py) sets the pulse width that is written to it: `1500000` and a line feed, in nanoseconds, and
-0 for no pulse. A hobby servo answers nothing, so only a line that does not accept a pulse is a fault. The angle is not
+0 for no pulse. A hobby servo sends nothing, so only a line that does not accept a pulse is a fault. The angle is not
 measured: the feedback of each accepted pulse has none. Without torque the pulse ends; most servos are then free, some
 digital ones hold their last angle. At the end of the program the pulse of the centre continues, because the kernel
 repeats it: the servo holds the rudder amidships until the computer is switched off.
