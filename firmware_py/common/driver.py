@@ -11,7 +11,7 @@ from firmware_py.common.interfaces import ByteLine, Calibrator
 DeviceT = TypeVar("DeviceT")
 
 # Version of the interface between the autopilot and a driver: Driver, the protocols of common/interfaces.py and the
-# records of common/records.py that a driver creates. It changes when a driver of before would no longer work.
+# records of common/records.py that a driver creates. It changes when earlier drivers would no longer work.
 INTERFACE: Final = 1
 
 

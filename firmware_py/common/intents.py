@@ -84,7 +84,7 @@ class SetHome(msgspec.Struct, frozen=True, tag=True):
 
     latitude_rad: float | None = None
     longitude_rad: float | None = None
-    altitude_m: float = 0.0
+    altitude_m: float = 0.0  # above mean sea level
 
 
 class EnableFence(msgspec.Struct, frozen=True, tag=True):

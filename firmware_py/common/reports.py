@@ -33,7 +33,7 @@ class Home(msgspec.Struct, frozen=True):
 
     latitude_rad: float
     longitude_rad: float
-    altitude_m: float
+    altitude_m: float  # above mean sea level
 
 
 class MissionReport(msgspec.Struct, frozen=True):
@@ -99,7 +99,9 @@ class Estimate(msgspec.Struct, frozen=True):
     """Estimated motion with standard deviations, and the learned noise levels; headings are without wave yaw.
 
     `source` of the heading: compass A 0, compass B 1, course over ground 2, none 3. `bias_rad` is the rudder bias.
-    `wave_sd_rad` is the standard deviation of the wave yaw itself, not of its estimate.
+    `wave_sd_rad` is the standard deviation of the wave yaw itself, not of its estimate. `wave_damping` is a
+    damping ratio, `yaw_diffusion_rad2_s` the diffusion of the heading, `bias_walk_rad_sqrt_s` the random walk of the
+    rudder bias.
     `innovation_square` is the mean square of the innovations, normalised by their variance; `prediction_square` the
     same for predictions over half a minute. Both are 1 for a consistent filter.
     """

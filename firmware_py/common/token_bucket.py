@@ -29,7 +29,7 @@ class TokenBucket:
         return self._level
 
     def set_rate_share(self, share: float, now_s: float) -> None:
-        """Reduce the fill rate to a share (0 to 1) of the rate of the start."""
+        """Reduce the fill rate to a share (0 to 1) of the initial rate."""
         self.level(now_s)
         self._rate_hz = share * self._full_rate_hz
 
