@@ -12,7 +12,8 @@ from firmware_py.common.records import FixType, NorthReference
 from firmware_py.log.reader import read_log
 
 SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
-ATTITUDE, EKF_STATUS_REPORT = 30, 193
+ATTITUDE, EKF_STATUS_REPORT = 30, 193  # message numbers
+HOLD, FORCE_DISARM = 4, 21196  # mode; ArduPilot's number for disarming under way
 LOST, RECOVERED = "No valid heading: rudder held, then centred", "Heading recovered"
 
 
@@ -64,15 +65,15 @@ def hostile_commands():
         sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
         for message in (
             dialect.MAVLink_command_long_message(
-                1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 21196, 0, 0, 0, 0, 0
+                1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, FORCE_DISARM, 0, 0, 0, 0, 0
             ),
-            dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+            dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1, HOLD, 0, 0, 0, 0, 0),
             dialect.MAVLink_command_long_message(
                 1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 0, 1, 0, 0, 0, 0, 0
             ),
-            dialect.MAVLink_set_mode_message(1, 1, 4),
+            dialect.MAVLink_set_mode_message(1, 1, HOLD),
             dialect.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
-            dialect.MAVLink_param_set_message(1, 1, b"CTL_K1", 0.0, 9),
+            dialect.MAVLink_param_set_message(1, 1, b"CTL_K1", 0.0, dialect.MAV_PARAM_TYPE_REAL32),
         ):
             yield bytes(message.pack(sender))
 

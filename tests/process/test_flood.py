@@ -49,7 +49,11 @@ class LinkEnd:
         self._mav.robust_parsing = True
 
     def send_heartbeat(self):
-        self._write(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(self._mav))
+        self._write(
+            mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3).pack(
+                self._mav
+            )
+        )
 
     def read_and_send_heartbeat(self):
         """Read the input and send a heartbeat, without which the link would be closed."""

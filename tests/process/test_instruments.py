@@ -4,12 +4,13 @@ from firmware_py.log.reader import read_log
 from hil.ship.disturbances import Depth, Wind
 from support.harness import is_replay_identical
 
+GUIDED = 15
 LIMITS = {"DEPTH_MIN": 20.0, "FS_DEPTH_ACT": 2, "FS_RESUME": 1}
 
 
 def test_silent_sensors_are_reported_and_shallow_water_keeps_the_heading(fault_bench):
     bench = fault_bench(goals="0:30", settings=LIMITS, instruments=(Wind(9.0, 200.0), Depth(50.0)))
-    bench.get_under_way(15)
+    bench.get_under_way(GUIDED)
     bench.wind.silent = bench.depth.silent = True
     bench.run_until_text("Wind sensor: no data", 25.0)
     bench.run_until_text("Depth sensor: no data", 2.0, since_s=0.0)

@@ -119,7 +119,7 @@ def set_gain(rng, _expected):
     gain = float(rng.randrange(1, 200))
 
     def send(station):
-        station.send(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", gain, 9))
+        station.send(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", gain, mavlink.MAV_PARAM_TYPE_REAL32))
         while True:
             for message in station.messages():
                 if message.get_type() == "PARAM_VALUE" and message.param_id == "CTL_K1":
@@ -199,7 +199,10 @@ class KillRig:
 
     def read_state(self):
         """Request the state of the boat."""
-        self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _message: True)
+        self.station.ask(
+            [mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)],
+            lambda _message: True,
+        )
         heartbeat = self.station.request(HEARTBEAT)
         home = None if self.expected.home is None else self.station.request(HOME)
         gain = self.station.ask(

@@ -333,7 +333,10 @@ def feed_noise(total_bytes, rng):
         mavlink.MAVLink_command_long_message(1, 1, number, 0, 1, 4, 0, 0, 0, 0, 0).pack(rig.station)
         for number in COMMAND_NUMBERS
     ]
-    frames += [rig.ping(1), mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 30.0, 9).pack(rig.station)]
+    frames += [
+        rig.ping(1),
+        mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 30.0, mavlink.MAV_PARAM_TYPE_REAL32).pack(rig.station),
+    ]
     for number in range(max(1, total_bytes // PIECE_BYTES)):
         size = min(total_bytes, PIECE_BYTES)
         damaged_frames = b"".join(damage_frame(frames, rng) for _ in range(size // 100))

@@ -181,7 +181,7 @@ PLANS = st.one_of(
     st.integers(0, 3).map(lambda sequence: lambda author: author.item(sequence)),
     st.just(lambda author: author.item(0)),
     st.just(mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0)),
-    st.just(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
+    st.just(mavlink.MAVLink_mission_clear_all_message(1, 1, mavlink.MAV_MISSION_TYPE_MISSION)),
 )
 BOAT_ACTIONS = {
     "tick": BoatWithLogs.tick,

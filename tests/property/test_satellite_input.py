@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.link.satellite.messages import Window
 from firmware_py.link.satellite.modem import Modem
 from firmware_py.link.satellite.record import Record, from_bytes, to_bytes
@@ -11,7 +12,8 @@ from support.satellite import KEY, SatelliteBoat, set_mode
 MAX_STORED_NUMBERS = 128
 
 BOAT = SatelliteBoat(key=KEY)
-VALID_MESSAGE = BOAT.keyed(set_mode(15))
+VALID_MESSAGE = BOAT.keyed(set_mode(Mode.GUIDED.value))
+MODES = (Mode.MANUAL, Mode.STEERING, Mode.HOLD, Mode.LOITER, Mode.AUTO, Mode.RTL)
 
 
 def receive_from_modem(*messages):
@@ -45,7 +47,7 @@ def test_noise_has_no_effect(noise):
 
 @given(st.lists(st.integers(0, 5), min_size=1, max_size=20))
 def test_each_message_is_executed_once_in_any_order(order):
-    messages = [BOAT.keyed(set_mode((0, 3, 4, 5, 10, 11)[number]), at_s=-3600.0 * number) for number in range(6)]
+    messages = [BOAT.keyed(set_mode(MODES[number].value), at_s=-3600.0 * number) for number in range(6)]
     boat = receive_from_modem(*(messages[number] for number in order))
     assert len(boat.intents) == len(set(order))
 

@@ -16,6 +16,7 @@ import msgspec
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import as_plain
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
@@ -28,6 +29,8 @@ from support.plans import item
 LINKS = Path(__file__).parent / "data" / "links"
 NOT_COMPARED = {"text", "param_index", "param_count"}  # wording, and the size of the parameter table
 INTERVAL_S = 15.0  # of the ticks of a voyage that the link publishes
+MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE_...
+REAL32, INT32 = mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_INT32
 SET_INTERVAL, REQUEST_MESSAGE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE
 # Numbers of commands (MAV_CMD) and messages when the sessions were recorded; later ones do not change a session.
 COMMANDS = (
@@ -111,7 +114,7 @@ def plain(fields):
 def watch_voyage(name):
     """Return the messages of a link during a voyage: each telemetry message whenever it is due."""
     session, state = Session(), None
-    heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    heartbeat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
     session.rig.send(heartbeat)
     for number in TELEMETRY:
         session.rig.send(command(SET_INTERVAL, number, 1e6 * INTERVAL_S))
@@ -132,7 +135,7 @@ def command(number, *values, confirmation=0):
     return mavlink.MAVLink_command_long_message(1, 1, number, confirmation, *values)
 
 
-def mission_item(sequence, source, kind=0):
+def mission_item(sequence, source, kind):
     return mavlink.MAVLink_mission_item_int_message(
         1,
         1,
@@ -166,6 +169,8 @@ ATTITUDES = (
     (7, (0.7071, 0.7071, 0.0, 0.0)),
     (0, (0.9, 0.1, 0.1, 0.4)),
 )
+# MAV_FRAME_...: those of targets, and others.
+FRAMES = (0, 1, 5, 6, 7, 8, 9, 11, 12)
 # Values of type_mask in SET_POSITION_TARGET_*; a set bit ignores a value.
 MASKS = (0, 1479, 2527, 3064, 3559, 3576, 3580, 4088, 2503, 1 << 12, 3527)
 
@@ -173,7 +178,7 @@ MASKS = (0, 1479, 2527, 3064, 3559, 3576, 3580, 4088, 2503, 1 << 12, 3527)
 def set_targets(session):
     """Send position targets in all frames with the usual masks, and attitude targets."""
     for mask in MASKS:
-        for frame in (0, 1, 5, 6, 7, 8, 9, 11, 12):
+        for frame in FRAMES:
             session.rig.now_s += 1.0
             rates = (0.5, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1)
             session.send(
@@ -220,7 +225,7 @@ def transfer_plans(session):
     """Upload, read, select and clear plans of every kind."""
     plans = (
         (
-            0,
+            MISSION,
             (
                 item(Command.WAYPOINT, 0, 0),
                 item(Command.WAYPOINT, 50, 0, 5),
@@ -230,22 +235,22 @@ def transfer_plans(session):
             ),
         ),
         (
-            1,
+            FENCE,
             tuple(
                 item(Command.INCLUDED_VERTEX, north_m, east_m, 3)
                 for north_m, east_m in ((-90, -90), (90, 0), (-90, 90))
             ),
         ),
         (
-            1,
+            FENCE,
             (
                 item(Command.INCLUDED_CIRCLE, 0, 0, 500),
                 item(Command.EXCLUDED_CIRCLE, 100, 100, 20),
                 item(Command.FENCE_RETURN, 10, 0),
             ),
         ),
-        (2, (item(Command.RALLY_POINT, 30, 30),)),
-        (0, (item(Command.WAYPOINT, 0, 0), item(Command.WAYPOINT, 50, 0, -5.0), item(9999, 50, 50))),
+        (RALLY, (item(Command.RALLY_POINT, 30, 30),)),
+        (MISSION, (item(Command.WAYPOINT, 0, 0), item(Command.WAYPOINT, 50, 0, -5.0), item(9999, 50, 50))),
     )
     for kind, items in plans:
         session.rig.now_s += 3.0
@@ -258,7 +263,7 @@ def transfer_plans(session):
         session.send(mavlink.MAVLink_mission_set_current_message(1, 1, 1))
         session.tick()
         session.note_intents()
-    for kind in (0, 1, 2, 255):
+    for kind in (MISSION, FENCE, RALLY, ALL):
         session.rig.now_s += 3.0
         session.send(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
 
@@ -266,10 +271,10 @@ def transfer_plans(session):
 def send_parameters_and_sticks(session):
     """Set parameters, setpoints and sticks."""
     for name, value, kind in (
-        (b"CTL_K1", 41.0, 9),
-        (b"LOOP_RATE_HZ", 7.0, 6),
-        (b"CTL_K1", 999.0, 9),
-        (b"NOPE", 1.0, 9),
+        (b"CTL_K1", 41.0, REAL32),
+        (b"LOOP_RATE_HZ", 7.0, INT32),
+        (b"CTL_K1", 999.0, REAL32),
+        (b"NOPE", 1.0, REAL32),
     ):
         session.send(mavlink.MAVLink_param_set_message(1, 1, name, value, kind))
         session.send(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
@@ -286,7 +291,7 @@ def talk(verdict):
     """Return the replies to commands, parameters, plans, streams and sticks, with one verdict for all requests."""
     session = Session(addresses=("station", "other"))
     session.rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "reason")
-    session.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    session.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3))
     session.tick()
     send_commands(session)
     transfer_plans(session)
@@ -294,7 +299,7 @@ def talk(verdict):
     session.send(
         mavlink.MAVLink_timesync_message(0, 123_456),
         mavlink.MAVLink_ping_message(1, 7, 0, 0),
-        mavlink.MAVLink_set_mode_message(1, 1, 15),
+        mavlink.MAVLink_set_mode_message(1, 1, Mode.GUIDED.value),
         mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1),
         mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF),
     )
