@@ -38,7 +38,7 @@ def watch_vessels(
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
             velocity_m_s = water.over_ground_m_s(estimator.water, or_nan(heading_rad))
-            own_motion = OwnMotion(place, velocity_m_s, *_courses_m_s(state))
+            own_motion = OwnMotion(place, velocity_m_s, *_course_velocities_m_s(state))
         traffic_state, update_events = traffic.update(
             settings.traffic, traffic_state, inputs.vessels, own_motion, now_s
         )
@@ -86,7 +86,7 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
     return status.cross_track_m, line.start.distance_and_bearing(status.target)[1]
 
 
-def _courses_m_s(state: State) -> tuple[Velocity, ...]:
+def _course_velocities_m_s(state: State) -> tuple[Velocity, ...]:
     """Return the velocities on the original course and, off a line, on that back to it; empty without avoidance."""
     water_state, way_rad = state.heading_estimator.water, state.aside.way_rad
     line, target = _followed_line(state.guidance), state.guidance.status.heading_target

@@ -66,13 +66,13 @@ def update(settings: SlewSettings, state: SlewState, command_rad: float, now_s: 
     t_s, angle_rad, target_rad = state.t_s, state.angle_rad, state.target_rad
     while pending and (pending[0].sent_s + settings.delay_s <= now_s or len(pending) > MAX_PENDING):
         start_s = min(max(pending[0].sent_s + settings.delay_s, t_s), now_s)
-        angle_rad = _turned(angle_rad, target_rad, settings.rate_rad_s * (start_s - t_s))
+        angle_rad = _turn_towards(angle_rad, target_rad, settings.rate_rad_s * (start_s - t_s))
         t_s, target_rad, pending = start_s, pending[0].command_rad, pending[1:]
-    angle_rad = _turned(angle_rad, target_rad, settings.rate_rad_s * max(now_s - t_s, 0.0))
+    angle_rad = _turn_towards(angle_rad, target_rad, settings.rate_rad_s * max(now_s - t_s, 0.0))
     return SlewState(now_s, angle_rad, target_rad, pending)
 
 
-def _turned(angle_rad: float, target_rad: float, max_turn_rad: float) -> float:
+def _turn_towards(angle_rad: float, target_rad: float, max_turn_rad: float) -> float:
     """Return the angle after a turn of at most max_turn_rad towards the target."""
     difference_rad = target_rad - angle_rad
     return (

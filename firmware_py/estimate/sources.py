@@ -22,7 +22,7 @@ from firmware_py.common.angles import clamp, radians, wrap_pi
 # Largest difference of a heading from the estimate with its wave yaw, in small waves.
 JUMP_GATE_RAD: Final = radians(20.0)
 JUMP_TIME_S: Final = 1.5  # outside the gate, after which a compass has jumped
-INITIAL_JUMP_TIME_S: Final = 1.0  # limit of the time before the first heading outside: one alone is no jump
+INITIAL_JUMP_TIME_S: Final = 1.0  # most that the first heading outside can count, so that it alone is no jump
 PROBATION_S: Final = 10.0  # in which a compass must be sound before it is used again
 MAX_CONTRADICTION_S: Final = 60.0  # without a source, of a compass outside the gate; then the estimate restarts
 OFFSET_SLEW_RAD_S: Final = radians(0.5)

@@ -218,6 +218,7 @@ def test_state_stays_finite_with_any_input(steps):
 @compiled
 def follow(heading_rad, north_m, east_m, out):
     """Compute the filter and its results for a recording with a sample each second."""
+    # As in `initial_filter`.
     state = water_filter.begin(0.0, north_m[0], east_m[0], 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
     verdict = water_results.CurrentVerdict(math.nan, 0.0, 0.0, math.nan, math.nan, 0.0)
     for number in range(1, heading_rad.size):

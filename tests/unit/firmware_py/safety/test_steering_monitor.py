@@ -11,7 +11,8 @@ from firmware_py.safety.steering_monitor import NO_BLOCK, Block, SteeringInput, 
 
 K, T = 0.049, 4.0
 MODEL = KtModel.of(ParameterSet())
-SD_RAD = math.radians(0.5)
+SD_RAD = math.radians(0.5)  # of the heading
+# SteeringInput: rudder, heading, its standard deviation, speed, heading error, compass heading [rad, m/s].
 
 
 class Boat:
