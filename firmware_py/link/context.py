@@ -38,9 +38,8 @@ class Suppliers(msgspec.Struct, frozen=True):
     load: Callable[[], float]  # of one processor core, 0 to 1
     offer_utc: Callable[[float, float], None] | None = None  # UTC of a ground station, time of reception [s]
     calibrator: Calibrator | None = None  # of a compass that calibrates itself
-    written: Callable[[], tuple[int, int] | None] = lambda: (
-        None
-    )  # versions of the state written since the start, their bytes
+    # Number of versions of the state written since the start, and their bytes; None without storage.
+    written: Callable[[], tuple[int, int] | None] = lambda: None
 
 
 class LinkContext:

@@ -236,7 +236,7 @@ class Peer:
 
     @property
     def is_satellite(self) -> bool:
-        """Whether its link is charged by data or by message, so that mostly requested messages are sent."""
+        """Whether its link is charged by data or by message, so that no telemetry is sent without a request."""
         return self.link_class is LinkClass.SATELLITE or self.has_paid_messages
 
     @property

@@ -72,9 +72,7 @@ class Timesync:
         if message.tc1:
             return
         sender, component = message.get_srcSystem(), message.get_srcComponent()
-        reply = mavlink.mavlink_map[111](  # TIMESYNC
-            int(now_s * 1e9), message.ts1, sender, component
-        )
+        reply = mavlink.mavlink_map[111](int(now_s * 1e9), message.ts1, sender, component)  # TIMESYNC
         self._context.send(peer, reply, Priority.URGENT)
 
     def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
