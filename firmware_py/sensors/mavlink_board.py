@@ -125,7 +125,7 @@ class _Requests:
 
 
 class FlightController:
-    """Returns the messages of the selected flight controller, and keeps them coming."""
+    """Returns the messages of the selected flight controller, and requests them again when they are missing."""
 
     def __init__(
         self,

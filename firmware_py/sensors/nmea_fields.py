@@ -45,7 +45,10 @@ def to_number(text: str) -> float | None:
 
 
 def number_field(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
-    """Return a reader of a number in [low, high] times `scale`; with `unit` the next field must be that letter."""
+    """Return a reader of a number in [low, high]; it returns the number times `scale`.
+
+    With `unit`, the next field must be that letter.
+    """
 
     def read(fields: Fields) -> float | None:
         value = to_number(fields[index])

@@ -23,6 +23,7 @@ RECORDED = bytes(number & 0xFF for number in (
     -109, 44, 60, 5, 69, -93, -65, 123, 62, -93, -70, -90, -95, 106, -69, 60, 20, 91, -71, 11, 118,
 ))  # fmt: skip
 
+ATTITUDE_CRC_EXTRA = dialect.MAVLink_attitude_message.crc_extra
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
 # One message of each kind, with different values in all fields.
 MESSAGES = {
@@ -121,7 +122,7 @@ def test_truncated_zeros_and_missing_extensions_are_zero():
 def test_extension_fields_of_newer_definitions_are_ignored():
     payload = struct.pack("<I6f", 98765, 0.1, -0.2, 3.0, 0.01, -0.02, 0.03) + b"newer"
     header = bytes((len(payload), 0, 0, 5, 7, 9)) + Message.ATTITUDE.to_bytes(3, "little")
-    checksum = dialect.x25crc(header + payload + bytes((39,))).crc  # CRC_EXTRA of ATTITUDE
+    checksum = dialect.x25crc(header + payload + bytes((ATTITUDE_CRC_EXTRA,))).crc
     (frame,) = frames(b"\xfd" + header + payload + checksum.to_bytes(2, "little"))
     assert frame.fields[0] == 98765
 
@@ -145,7 +146,7 @@ def test_odd_sequence_number_of_mavlink_1_is_no_signature():
 def test_frame_with_an_unknown_flag_or_without_a_system_is_not_read(position):
     stream = bytearray(pack(MESSAGES[Message.ATTITUDE]))
     stream[position] = 2 if position == 2 else 0
-    stream[-2:] = dialect.x25crc(stream[1:-2] + bytes((39,))).crc.to_bytes(2, "little")
+    stream[-2:] = dialect.x25crc(stream[1:-2] + bytes((ATTITUDE_CRC_EXTRA,))).crc.to_bytes(2, "little")
     assert frames(bytes(stream)) == []
 
 
