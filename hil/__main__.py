@@ -38,7 +38,7 @@ COMMANDS = {
     "reproduce": ("hil.cli.reproduce", "repeat the paper's chain from manoeuvre to closed loop, and compare figures"),
     "swarm-table": ("hil.cli.swarm_table", "compare the fish swarm with other searches on standard functions"),
 }
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit code after SIGINT, as in a shell
 _INSTALL = "pip install 'rambler-autopilot[hil]', or in a checkout .venv/bin/pip install -e '.[hil]'"
 
 
@@ -50,7 +50,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
+    """Run a subcommand; return 0 for success, 1 for a failure or a finding, 2 for invalid usage, 130 for Ctrl-C."""
     open_closed_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):  # a path may contain characters that the terminal cannot encode

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the drills and print each outcome when it ends, then a summary."""
+    """Run the drills and print each outcome when it ends, then a summary; return 1 if a drill failed."""
     selected = _select_cases(arguments)
     outputs.check("--json", arguments.json)
     outputs.check("--page", arguments.page)

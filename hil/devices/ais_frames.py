@@ -96,8 +96,8 @@ def static_b(mmsi: int, name: str, call_sign: str, ship_type: int, dimensions_m:
 
 
 def mark(mmsi: int, name: str, latitude_deg: float, longitude_deg: float) -> Bits:
-    """Return the report of a buoy as an aid to navigation (message 21)."""
-    # 14: starboard hand mark; second 60: no time.
+    """Return the report of an aid to navigation (message 21)."""
+    # 14: beacon, starboard hand; second 60: no time.
     bits = Bits().add(21, 6).add(0, 2).add(mmsi, 30).add(14, 5).add_text(name, 20).add(0, 1)
     _add_position(bits, latitude_deg, longitude_deg)
     return bits.add(0, 30).add(1, 4).add(60, 6).add(0, 1 + 8 + 1 + 1 + 1 + 1)

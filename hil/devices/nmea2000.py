@@ -83,7 +83,7 @@ class Nmea2000Emulator:
         if now_s < self._on_s:
             return
         self._input = (self._input + data)[-MAX_COMMAND_BYTES:]
-        self.bus_commands += self._input.count(bytes((0x10, 0x02, n2k.BUS_COMMAND)))
+        self.bus_commands += self._input.count(n2k.DLE + n2k.STX + bytes((n2k.BUS_COMMAND,)))
         if START_COMMAND in self._input:
             self.is_started = True
         if self._input.endswith(n2k.DLE + n2k.ETX):

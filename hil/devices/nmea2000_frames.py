@@ -53,7 +53,7 @@ def heading(
     variation_rad: float | None = None,
     sequence: int | None = None,
 ) -> bytes:
-    """Return PGN 127250."""
+    """Return PGN 127250; deviation and variation are positive to the east."""
     corrections = signed(deviation_rad, 16, 1e-4) + signed(variation_rad, 16, 1e-4)
     return to_bytes(unsigned(sequence, 8) + bearing(angle_rad) + corrections + unsigned(reference, 2))
 
@@ -71,17 +71,17 @@ def attitude(roll_rad: float | None, pitch_rad: float | None, yaw_rad: float | N
 
 def rudder(angle_rad: float | None, instance: int = 0) -> bytes:
     """Return PGN 127245."""
-    order = "111" + "11111" + signed(None, 16)
+    order = "111" + "11111" + signed(None, 16)  # direction and angle order are not available
     return to_bytes(unsigned(instance, 8) + order + signed(angle_rad, 16, 1e-4))
 
 
 def depth(depth_m: float | None, offset_m: float | None = None) -> bytes:
-    """Return PGN 128267."""
+    """Return PGN 128267; the depth is below the transducer."""
     return to_bytes(unsigned(None, 8) + unsigned(depth_m, 32, 0.01) + signed(offset_m, 16, 0.001))
 
 
 def wind(speed_m_s: float | None, angle_rad: float | None, reference: int) -> bytes:
-    """Return PGN 130306."""
+    """Return PGN 130306; the angle is that from which the wind comes, reference 2: apparent wind."""
     return to_bytes(unsigned(None, 8) + unsigned(speed_m_s, 16, 0.01) + bearing(angle_rad) + unsigned(reference, 3))
 
 
@@ -121,7 +121,7 @@ def gnss_position(
     hdop: float | None = 0.9,
     integrity: int = 0,
 ) -> bytes:
-    """Return PGN 129029 without reference stations."""
+    """Return PGN 129029 without reference stations; method 1: GNSS fix, integrity 0: not checked."""
     place = signed(latitude_deg, 64, 1e-16) + signed(longitude_deg, 64, 1e-16) + signed(altitude_m, 64, 1e-6)
     quality = "0000" + unsigned(method, 4) + unsigned(integrity, 2) + "1" * 6 + unsigned(satellites, 8)
     dilution = signed(hdop, 16, 0.01) + signed(None, 16) + signed(None, 32) + unsigned(0, 8)
@@ -140,7 +140,7 @@ def vessel_a(
     status: int = 15,
     transceiver: int = 0,
 ) -> bytes:
-    """Return PGN 129038, the position report of class A."""
+    """Return PGN 129038, the position report of class A; status 15: undefined, transceiver 0: channel A."""
     return to_bytes(
         _vessel(1, mmsi, latitude_deg, longitude_deg)
         + bearing(course_rad)
@@ -163,7 +163,7 @@ def vessel_b(
     *,
     transceiver: int = 0,
 ) -> bytes:
-    """Return PGN 129039, the position report of class B."""
+    """Return PGN 129039, the position report of class B; transceiver 0: channel A."""
     return to_bytes(
         _vessel(18, mmsi, latitude_deg, longitude_deg)
         + bearing(course_rad)

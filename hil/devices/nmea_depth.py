@@ -30,7 +30,7 @@ class NmeaDepthEmulator:
         frequency_error_ppm: float = 0.0,
         baud: int = 4800,
     ) -> None:
-        """Start at phase_s with the depths of transducer and keel; raise ValueError for an unknown sentence."""
+        """Start at phase_s; transducer and keel are depths below the surface. ValueError for an unknown sentence."""
         if sentence not in SENTENCES:
             raise ValueError(f"sentence {sentence} is not supported; use one of {', '.join(SENTENCES)}")
         self._bottom = bottom

@@ -18,7 +18,7 @@ _KILOMETRES_PER_HOUR = 3.6
 
 
 def _relative(angle_deg: float, knots: float) -> str:
-    """Return the fields of VWR and VWT."""
+    """Return the fields of VWR and VWT for an angle from the bow, 0 to 360 degrees clockwise."""
     left = angle_deg > 180.0
     speeds = f"{knots:.1f},N,{knots / KNOTS_PER_METRE_PER_SECOND:.1f},M"
     kilometres = knots / KNOTS_PER_METRE_PER_SECOND * _KILOMETRES_PER_HOUR
@@ -60,7 +60,7 @@ class NmeaWindEmulator:
         self._reference, self._body = _BODIES[sentence]
         self._offset_deg = offset_deg
         self._correlation = math.exp(-period_s / GUST_TIME_S)
-        self._gust = rng.normal(0.0, 1.0, 2)
+        self._gust = rng.normal(0.0, 1.0, 2)  # north and east, relative to the standard deviation
         self._pace = Pace(period_s, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
 
@@ -84,8 +84,8 @@ class NmeaWindEmulator:
         innovation = self._rng.normal(0.0, math.sqrt(1.0 - self._correlation**2), 2)
         self._gust = self._correlation * self._gust + innovation
         north_m_s, east_m_s = self._weather.air_velocity_m_s()
-        share_m_s = self._weather.turbulence * math.hypot(north_m_s, east_m_s)
-        north_m_s, east_m_s = north_m_s + share_m_s * self._gust[0], east_m_s + share_m_s * self._gust[1]
+        deviation_m_s = self._weather.turbulence * math.hypot(north_m_s, east_m_s)
+        north_m_s, east_m_s = north_m_s + deviation_m_s * self._gust[0], east_m_s + deviation_m_s * self._gust[1]
         if self._reference == "apparent":
             boat_north_m_s, boat_east_m_s = self._weather.velocity_m_s()
             north_m_s, east_m_s = north_m_s - boat_north_m_s, east_m_s - boat_east_m_s

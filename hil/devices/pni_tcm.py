@@ -188,6 +188,7 @@ class PniTcmEmulator:
 
     def _send_score(self, now_s: float, score: float) -> None:
         self._calibration = None
+        # Magnetometer score, reserved, accelerometer score (none), distribution and tilt errors, tilt range.
         self._reply(now_s, Frame.CAL_SCORE, self._settings.pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
 
     def _set_acq_params(self, now_s: float, payload: bytes) -> None:

@@ -155,12 +155,13 @@ class RionEmulator:
         return self._frame(_GET_ANGLES, bytes.fromhex(angles) + status)
 
     def _frame(self, command: int, data: bytes) -> bytes:
+        """Return the reply to a command, whose code is that of the command plus 0x80."""
         summed_bytes = bytes((4 + len(data), self._address, command + 0x80)) + data
         return bytes((self._identifier,)) + summed_bytes + bytes((sum(summed_bytes) % 256,))
 
 
 def _decimal(angle_deg: float) -> str:
-    """Return an angle as a sign and five digits."""
+    """Return an angle in 0.01 degrees as a sign (1: negative) and five decimal digits."""
     digits = f"{abs(angle_deg):06.2f}".replace(".", "")
     return ("1" if angle_deg < 0.0 else "0") + digits
 

@@ -22,6 +22,7 @@ _SAVE, _CONTENT, _RATE, _SIX_AXES, _READ, _KEY = 0x00, 0x02, 0x03, 0x24, 0x27, 0
 _UNLOCK_VALUE = 0xB588  # of the key register
 _REGISTERS_PACKET, _FIRST_PACKET = 0x5F, 0x50  # the packet of bit n of the content register is 0x50 + n
 _FACTORY = {_CONTENT: 0x1E, _RATE: 6, _SIX_AXES: 0}  # acceleration, rate, angle, field at 10 Hz, nine axes
+# By value of the rate register.
 _RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 _FIELD_NED_MG = (200.0, 0.0, 430.0)  # a mid-latitude field
 _VERSION = 0x46

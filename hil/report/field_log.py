@@ -50,11 +50,11 @@ class ModePeriod:
 class FieldLog:
     """Content of logs; `texts`: time, severity, text.
 
-    `lasting_goal_rad` is the goal where it lasted MIN_GOAL_S, else NaN.
-    `columns` contains columns in addition to the truth, with the names and units of the model of the page, NaN where a
-    tick has no value. `plans` and `home` (degrees) are the latest; positions are relative to `origin`, mission items
-    count from `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated
-    fix, `start_s` the process time then. `cuts` are the first rows of logs that do not continue the previous one.
+    `truth` is the estimate of the autopilot, with the speed over ground. `lasting_goal_rad` is the goal where it lasted
+    MIN_GOAL_S, else NaN. `columns` are further columns, named with their units as in firmware_py/view/model.py, NaN
+    where a tick has no value. `plans` and `home` (degrees) are the latest; positions are relative to `origin`, mission
+    items count from `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a
+    dated fix, `start_s` the process time then. `cuts` are the first rows of logs that do not continue the previous one.
     """
 
     truth: Truth

@@ -21,7 +21,7 @@ from hil.sim.run_directory import STATE, SUMMARY, TRUTH_FILE
 from hil.sim.run_file import OrderRecord, RunFile
 from hil.sim.truth import RecordedTruth
 
-DIGITS = 4
+DIGITS = 4  # decimals
 MAX_FULL_BYTES = 64 << 20  # of logs with all ticks, about 3 h
 Summary = dict[str, Any]
 

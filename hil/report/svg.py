@@ -11,6 +11,7 @@ import numpy as np
 
 from hil.sim.truth import Array
 
+# Sizes are in units of the viewBox.
 WIDTH, HEIGHT, MARGIN, FOOT, HEAD = 340, 150, 10, 20, 8
 BINS = 32
 COUNT_WIDTH = 40  # width of the numbers beside a histogram

@@ -23,7 +23,7 @@ from hil.sim.truth import Array
 Rows = NDArray[np.intp]
 DAY_S: Final = 86_400.0
 _GAP_S: Final = 600.0  # no line is drawn across a longer gap between two rows
-# Labels of the two records of a row.
+# Labels of the two records of a row; angles in radians, energies in joules.
 _THIN_LABELS = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
 _THNE_LABELS = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
 

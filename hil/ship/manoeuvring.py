@@ -1,4 +1,4 @@
-"""Planar motion with sway and current (the paper's eq. 1-2), as plain functions that numba can also compile.
+"""Planar motion with sway and current (Wang et al. 2018, eq. 1-2), as plain functions that numba can also compile.
 
     dx/dt = U cos(psi) - v sin(psi) + current north      dpsi/dt = r
     dy/dt = U sin(psi) + v cos(psi) + current east

@@ -66,7 +66,10 @@ class ShortCrestedOrbit:
         numbers: tuple[NormalNumbers, NormalNumbers],
         damping: float = DAMPING,
     ) -> None:
-        """Start in the stationary state; `numbers`: for the component independent of the yaw, and for no wave yaw."""
+        """Start in the stationary state.
+
+        `numbers`: for the component that is independent of the yaw, and for the other one if there is no wave yaw.
+        """
         displacement_m = velocity_m_s * period_s / TWO_PI  # rms
         across = math.sqrt(0.5 * -math.expm1(-2.0 * spread_rad * spread_rad))
         self._along_m, self._across_m = displacement_m * math.sqrt(1.0 - across * across), displacement_m * across

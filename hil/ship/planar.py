@@ -1,4 +1,4 @@
-"""The track of the hull over the ground (the paper's eq. 1-2), and the current: steady, or an ellipse with the tide."""
+"""Track of the hull over the ground (Wang et al. 2018, eq. 1-2), and current: steady, or an ellipse with the tide."""
 
 from __future__ import annotations
 

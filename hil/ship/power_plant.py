@@ -109,6 +109,7 @@ class PowerPlant:
         # V = E + R I and I = P / V.
         square_v2 = open_circuit_v * open_circuit_v + 4.0 * RESISTANCE_OHM * net_w
         self.voltage_v = 0.5 * (open_circuit_v + math.sqrt(max(0.0, square_v2)))
+        # Assumed, near the maximum power point of panels of 36 cells.
         self.panel_v = 0.0 if sine <= 0.0 else 18.0 + 2.0 * self._sky_transmission
         current_a = net_w / self.voltage_v
         capacity_c = self._supply.battery_wh / _NOMINAL_V * 3600.0

@@ -1,4 +1,4 @@
-"""Added masses and sway damping of a hull from its main particulars (the paper's eq. 3).
+"""Added masses and sway damping of a hull from its main particulars (Wang et al. 2018, eq. 3).
 
 Sources: Zhou Zhaoming et al. (1983), a regression of Motora's charts, for surge; Clarke, Gedling and Hine, Trans. RINA
 125 (1982), regressions over captive tests of ship models, for sway. Both are for merchant ships. ENVELOPE is the range

@@ -1,4 +1,4 @@
-"""Table of the scenarios of simulated runs."""
+"""Table of the scenarios of simulated runs; "the paper" is Wang et al. 2018."""
 
 from __future__ import annotations
 

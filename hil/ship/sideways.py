@@ -2,8 +2,8 @@
 
     v = U tan(beta + beta_wind sin(psi - psi_wind)) + v_slide      m22 dv_slide/dt = -m11 U r + Yv U v_slide
 
-The wind comes from psi_wind; a wind from starboard sets the boat to port. v_slide is the sway of the paper's eq. 2
-(hil/ship/manoeuvring.py), which is outward, so it is negative in a turn to starboard.
+The wind comes from psi_wind; a wind from starboard sets the boat to port. v_slide is the sway of Wang et al.
+2018, eq. 2 (hil/ship/manoeuvring.py), which is outward, so it is negative in a turn to starboard.
 """
 
 from __future__ import annotations

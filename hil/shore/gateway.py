@@ -39,7 +39,7 @@ class Station(Protocol):
 
 @dataclass(slots=True)
 class _PendingCommand:
-    """A command without acknowledgement and the time at which it was sent."""
+    """A command without acknowledgement: when it was sent, and its MAV_CMD (None for messages such as SET_MODE)."""
 
     sent_s: float
     command: int | None

@@ -30,6 +30,7 @@ class MessageNumbers:
 def encode(message: Any, sender: tuple[int, int], number: int, key: bytes, imei: str) -> bytes:
     """Return a MAVLink message of a sender (system, component) in the short form, bound to key and modem."""
     frame = message.get_msgbuf()
+    # The payload of a MAVLink 2 or 1 frame, without the trailing zeros.
     payload = bytes(frame[10 : 10 + frame[1]] if frame[0] == 0xFD else frame[6 : 6 + frame[1]]).rstrip(b"\0") or b"\0"
     signed_bytes = (
         bytes((_FIRST_BYTE,))

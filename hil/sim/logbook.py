@@ -36,8 +36,8 @@ class RunOptions:
     seed: int = 1
     goals: tuple[Goal, ...] = ()
     vehicle: Vehicle = field(default_factory=standard_vehicle)
-    settings: dict[str, float] = field(default_factory=dict)
-    links: tuple[str, ...] = ()
+    settings: dict[str, float] = field(default_factory=dict)  # parameters that replace those of the vehicle
+    links: tuple[str, ...] = ()  # URLs, in addition to that of the simulated ground station
     mode: int = GUIDED
     state: Path | None = None  # state directory of earlier runs, which is copied
     view: str | None = None  # HOST:PORT of the live page
