@@ -143,7 +143,7 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
-    blocked = f"  sending blocked: {link['blocked_reason']}" if link.get("hindrance") else ""
+    blocked = f"  sending blocked: {link['hindrance']}" if link.get("hindrance") else ""
     yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  no peers") + blocked
     if (satellite := link.get("satellite")) is not None:
         yield from _satellite_lines(satellite)
@@ -159,7 +159,7 @@ def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Yield the state of a satellite modem, its sessions and their cost."""
     age_s = satellite["session_age_s"]
     age = "none yet" if age_s is None else f"last {_format_duration(age_s)} ago"
-    blocked = f", blocked: {satellite['blocked_reason']}" if satellite["hindrance"] else ""
+    blocked = f", blocked: {satellite['hindrance']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames queued"
     yield (

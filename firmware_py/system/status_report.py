@@ -306,7 +306,7 @@ class StatusReporter:
             "devices": self._devices(now_s),
             **{name: values_of(snapshot) for name, values_of in SECTIONS.items()},
             "calibration": calibration_values(sources.swing()),
-            "links": [_link(link) for link in sources.links(now_s)],
+            "links": [link_values(link) for link in sources.links(now_s)],
             "state_written": {"versions": versions, "bytes": written_bytes},
             "loop": {
                 "rate_hz": rounded(snapshot.rate_hz, 3),
@@ -364,7 +364,8 @@ def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
     ]
 
 
-def _link(link: LinkStatus) -> Values:
+def link_values(link: LinkStatus) -> Values:
+    """Return the values of a link, as in the status file."""
     peer_values = [{name: getattr(peer, name) for name in _PEER_FIELDS} for peer in link.peers]
     peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in peer_values]
     values: Values = {"url": link.url, "rates": link.rates, "hindrance": link.blocked_reason, "peers": peers}

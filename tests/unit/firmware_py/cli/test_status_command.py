@@ -5,12 +5,15 @@ import shutil
 from types import SimpleNamespace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.__main__ import main
 from firmware_py.cli import status as command
+from firmware_py.common.link_status import LinkStatus, PeerStatus, SatelliteStatus
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, to_bytes
 from firmware_py.system.slots import slot_path
 from firmware_py.system.status_file import Freshness, StatusReading
+from firmware_py.system.status_report import link_values
 from firmware_py.system.store import Store
 
 UTC_S = 1_800_000_000.0
@@ -65,20 +68,46 @@ def test_damaged_endings_are_an_error_and_missing_ones_are_empty(state, tmp_path
     assert f"{ENDINGS_FILE}.0 is damaged" in status(state)
 
 
-PEER = {
-    "ground_station": True, "address": "10.0.0.7:14550", "heard_age_s": 1.5, "sent_bytes": 900, "dropped": 2,
-    "rejected": 1, "signs": True, "has_place": True,
-}  # fmt: skip
-SATELLITE = {
-    "imei": "300234010753370", "signal": 4, "waiting": 3, "sessions": 7, "failed": 1, "session_age_s": 119.0,
-    "hindrance": "", "blocked_reason": "", "sent": 5, "sent_bytes": 500, "received": 6, "dropped": 0,
-    "day_credits": 10, "day_limit": 50,
-    "month_credits": 40, "month_limit": 0, "refused": {"too long": 2, "no key": 1},
-}  # fmt: skip
-OTHER_SATELLITE = SATELLITE | {
-    "imei": "", "signal": None, "session_age_s": None, "hindrance": "budget", "blocked_reason": "no credits",
-    "refused": {},
-}  # fmt: skip
+PEER = PeerStatus(
+    "10.0.0.7:14550",
+    ground_station=True,
+    has_place=True,
+    signs=True,
+    heard_age_s=1.5,
+    sent_bytes=900,
+    dropped=2,
+    rejected=1,
+)
+SATELLITE = SatelliteStatus(
+    "300234010753370",
+    signal=4,
+    waiting=3,
+    dropped=0,
+    sessions=7,
+    failed=1,
+    last_status=None,
+    blocked_reason="",
+    session_age_s=119.0,
+    sent=5,
+    sent_bytes=500,
+    received=6,
+    refused={"too long": 2, "no key": 1},
+    day_credits=10,
+    day_limit=50,
+    month_credits=40,
+    month_limit=0,
+    total_credits=40,
+)
+OTHER_SATELLITE = replace(SATELLITE, imei="", signal=None, session_age_s=None, blocked_reason="no credits", refused={})
+LINKS = (
+    LinkStatus(
+        "udpin:0.0.0.0:14550",
+        "1 kB/s",
+        (PEER, replace(PEER, ground_station=False, address="x", heard_age_s=None, signs=False, has_place=False)),
+    ),
+    LinkStatus("sbd:/dev/a", "-", (), SATELLITE, "no port"),
+    LinkStatus("sbd:/dev/b", "-", (PEER,), OTHER_SATELLITE),
+)
 CONTENT = {
     "written_machine_s": 50.0, "user": "pi", "vehicle": "boat", "mode": "GUIDED", "armed": True, "note": "",
     "faults": [
@@ -87,13 +116,7 @@ CONTENT = {
         {"severity": "warning", "fault": "WIND_LOST", "since_s": None, "text": "no wind"},
     ],
     "devices": [],
-    "links": [
-        {"url": "udpin:0.0.0.0:14550", "rates": "1 kB/s", "peers": [PEER, PEER | {
-            "ground_station": False, "address": "x", "heard_age_s": None, "signs": False, "has_place": False}]},
-        {"url": "sbd:/dev/a", "rates": "-", "peers": [], "hindrance": "port", "blocked_reason": "no port",
-         "satellite": SATELLITE},
-        {"url": "sbd:/dev/b", "rates": "-", "peers": [PEER], "hindrance": "", "satellite": OTHER_SATELLITE},
-    ],
+    "links": [link_values(link) for link in LINKS],
     "rudder": {"angle_deg": -4.0},
     "traffic": {"count": 2, "nearest": [{"mmsi": 1}, {"mmsi": 2}]},
     "empty": {},
