@@ -57,7 +57,7 @@ _ROVER: Final = 1  # build type: sets the mode names
 # Numbers of ArduPilot's events and error subsystems.
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42
 _ALL_CHECKS: Final = 1
-_BY_MAVLINK: Final = 2
+_BY_MAVLINK: Final = 1
 _MAIN_SUBSYSTEM: Final = 1  # MAIN: of faults without a subsystem of their own
 _SUBSYSTEMS: Final[Mapping[Fault, int]] = {
     Fault.COMPASS_LOST: 3,  # COMPASS

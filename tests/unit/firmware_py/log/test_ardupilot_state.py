@@ -98,7 +98,7 @@ def test_values_of_a_tick_have_the_units_of_ardupilot():
     )  # fmt: skip
     east_m = 637.10088 * math.cos(0.69995)
     assert_messages(messages, [
-        ("ARM", (1, 1, 0, 2)), ("EV", (ARMED,)), ("STAT", (1, 1.0, 1, 0)),
+        ("ARM", (1, 1, 0, 1)), ("EV", (ARMED,)), ("STAT", (1, 1.0, 1, 0)),
         ("EV", (HOME_SET,)), ("EV", (FENCE_ENABLED,)),
         ("ERR", (3, 1)),  # compass
         ("ATT", (0.0, 5.72958, 0.0, -11.45916, 114.59156, 57.29578, 0)),
@@ -133,7 +133,7 @@ def test_unknown_and_impossible_values_are_nan_or_zero():
         navigation=Navigation(),
     )  # fmt: skip
     assert_messages(messages, [
-        ("ARM", (0, 1, 0, 2)), ("EV", (DISARMED,)), ("STAT", (0, 0.0, 0, 0)),
+        ("ARM", (0, 1, 0, 1)), ("EV", (DISARMED,)), ("STAT", (0, 0.0, 0, 0)),
         ("ATT", (0.0, 0.0, 0.0, 0.0, NAN, 57.29578, 0)),
         ("POS", (0, 0, 0.0, 0.0, 0.0)),
         ("XKF1", (0, 0.0, 0.0, 57.29578, NAN, NAN, 0.0, 0.0, NAN, NAN, 0.0, NAN)),
