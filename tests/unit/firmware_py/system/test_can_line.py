@@ -197,18 +197,18 @@ def test_adapter_that_cannot_be_opened_is_an_error_with_the_remedy():
 
 
 def test_reason_of_an_adapter_is_a_short_text_without_error_numbers(monkeypatch):
-    text = "could not open port /dev/serial/by-path/usb-0:1.2:1.0: {}No such file or directory"
+    text = "could not open port /dev/serial/usb-0:1.2:1.0: {}No such file or directory"
 
     def fail(**options):
-        assert options == {"interface": "slcan", "channel": "/dev/serial/by-path/usb-0:1.2:1.0", "bitrate": 250_000}
+        assert options == {"interface": "slcan", "channel": "/dev/serial/usb-0:1.2:1.0", "bitrate": 250_000}
         raise OSError("[Errno 2] " + text.format("[Errno 2] ") + ": " + 80 * "x")
 
     monkeypatch.setattr(can, "Bus", fail)
     with pytest.raises(PortError) as raised:
-        CanAdapterLine("can:slcan:/dev/serial/by-path/usb-0:1.2:1.0").open()
+        CanAdapterLine("can:slcan:/dev/serial/usb-0:1.2:1.0").open()
     reason = (text.format("") + ": " + 80 * "x")[:80]
     assert str(raised.value).startswith(
-        f"port can:slcan:/dev/serial/by-path/usb-0:1.2:1.0: {reason}; plug the adapter in"
+        f"port can:slcan:/dev/serial/usb-0:1.2:1.0: {reason}; plug the adapter in"
     )
 
 
