@@ -56,7 +56,7 @@ class PositionGoal(msgspec.Struct, frozen=True, tag=True):
 class ModeState(msgspec.Struct, frozen=True):
     """Mode, arming, goal, stick with the time of its last command, and bench rudder deflection with its end.
 
-    `stick` and `bench` are -1 (full port) to 1 (full starboard), None if released.
+    `stick` and `bench` are -1 (full port) to 1 (full starboard), None without a command.
     `by_failsafe`: a failsafe has chosen the mode, and there was no command since.
     """
 

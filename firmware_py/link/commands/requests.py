@@ -34,7 +34,7 @@ def _to_message_id(value: float) -> int:
 
 # Builders of messages that do not depend on the snapshot, by message id; their arguments are the context and the
 # requested index. Index NaN means all, as 0 does.
-FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
+_INDEPENDENT_BUILDERS: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
     _AUTOPILOT_VERSION: lambda context, _index: (identity.autopilot_version(context.version),),
     _PROTOCOL_VERSION: lambda _context, _index: (identity.protocol_version(),),
     _COMPONENT_INFORMATION: lambda context, _index: (context.metadata.information_message(context.now_s),),
@@ -57,7 +57,11 @@ def _build_telemetry(context: LinkContext, number: int) -> Sequence[Message] | N
 
 
 def _send_messages(context: LinkContext, call: CommandCall, number: int, index: float = 0.0) -> Answer:
-    messages = FIXED[number](context, index) if number in FIXED else _build_telemetry(context, number)
+    messages = (
+        _INDEPENDENT_BUILDERS[number](context, index)
+        if number in _INDEPENDENT_BUILDERS
+        else _build_telemetry(context, number)
+    )
     if messages is None:
         return _UNSUPPORTED
     for message in messages:

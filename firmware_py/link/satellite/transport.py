@@ -82,7 +82,7 @@ class SbdTransport:
         compute_hmac: Callable[[bytes], bytes | None],
         mark_signed: Callable[[bytes], None],
     ) -> None:
-        """Store three functions of the link: see `Satellite.attach`."""
+        """Store three functions of the link: see `Satellite.attach` of wire/transport.py."""
         self._parameters, self._compute_hmac, self._mark_signed = parameters, compute_hmac, mark_signed
 
     # ------------------------------------------------------------------ transport.Transport

@@ -14,7 +14,7 @@ from firmware_py.link.telemetry.table import TABLE
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
 SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}
 # Messages
-ATTITUDE, GLOBAL_POSITION_INT, HOME_POSITION, MESSAGE_INTERVAL = 30, 33, 242, 244
+HEARTBEAT, ATTITUDE, GLOBAL_POSITION_INT, HOME_POSITION, MESSAGE_INTERVAL = 0, 30, 33, 242, 244
 AUTOPILOT_VERSION, PROTOCOL_VERSION, COMPONENT_INFORMATION, COMPONENT_METADATA = 148, 300, 395, 397
 MAG_CAL_REPORT, AIS_VESSEL, AVAILABLE_MODES = 192, 301, 435
 UNKNOWN = 25  # GPS_STATUS, which the boat does not send
@@ -88,7 +88,7 @@ def test_available_modes_are_sent_by_index(rig, of, index, numbers):
 def test_interval_is_set_and_reported(rig, of):
     assert result(rig.command(SET_INTERVAL, ATTITUDE, 500_000)) == ACCEPTED
     assert len(of(rig.ticks(40), "ATTITUDE")) == pytest.approx(8, abs=1)
-    for replies in (rig.command(GET_INTERVAL, ATTITUDE), rig.command(REQUEST, MESSAGE_INTERVAL, 30)):
+    for replies in (rig.command(GET_INTERVAL, ATTITUDE), rig.command(REQUEST, MESSAGE_INTERVAL, ATTITUDE)):
         (report,) = of(replies, "MESSAGE_INTERVAL")
         assert (result(replies), report.message_id, report.interval_us) == (ACCEPTED, ATTITUDE, 500_000)
     for unknown, number in ((UNKNOWN, UNKNOWN), (math.nan, 0), (-1, 0), (65535, 65535)):
@@ -116,7 +116,7 @@ def test_invalid_interval_is_refused(rig, interval_us):
 
 
 def test_heartbeat_cannot_be_switched_off(rig, of):
-    assert result(rig.command(SET_INTERVAL, 0, -1)) == DENIED
+    assert result(rig.command(SET_INTERVAL, HEARTBEAT, -1)) == DENIED
     assert len(of(rig.tick(seconds=1.0), "HEARTBEAT")) == 1
 
 
