@@ -207,9 +207,7 @@ def test_reason_of_an_adapter_is_a_short_text_without_error_numbers(monkeypatch)
     with pytest.raises(PortError) as raised:
         CanAdapterLine("can:slcan:/dev/serial/usb-0:1.2:1.0").open()
     reason = (text.format("") + ": " + 80 * "x")[:80]
-    assert str(raised.value).startswith(
-        f"port can:slcan:/dev/serial/usb-0:1.2:1.0: {reason}; plug the adapter in"
-    )
+    assert str(raised.value).startswith(f"port can:slcan:/dev/serial/usb-0:1.2:1.0: {reason}; plug the adapter in")
 
 
 def test_missing_package_is_named(monkeypatch):
