@@ -230,29 +230,32 @@ def plan(kind, *items):
     return Plan.of(kind, items)
 
 
+# All kinds of items.
+MISSION_ITEMS = (
+    item(Command.WAYPOINT, 50, 0),
+    item(Command.CHANGE_SPEED, None, None, 0, 0.5),
+    item(Command.WAYPOINT, 50, 40, 10),
+    item(Command.YAW, None, None, 180, 0, 0, 0),
+    item(Command.DELAY, None, None, 15),
+    item(Command.YAW_SPEED, None, None, 90, 0, 1),
+    item(Command.LOITER_TURNS, 30, 60, 1, 0, 25),
+    item(Command.JUMP_TAG, None, None, 7),
+    item(Command.LOITER_TIME, 0, 50, 20, 0, -25),
+    item(Command.SET_HOME, 5, 5, 0),
+    item(Command.CONDITION_DELAY, None, None, 5),
+    item(Command.CONDITION_DISTANCE, None, None, 20),
+    item(Command.WAYPOINT, 0, 30, 0, 12),
+    item(Command.JUMP_TO_TAG, None, None, 7, 1),
+    item(Command.JUMP, None, None, 13, 1),
+    item(Command.RETURN),
+    item(Command.LOITER_UNLIMITED, 0, 0),
+)
+
+
 def sail_mission(folder):
     """All kinds of items, a pause, jumps, the fence, the loss of the ground station, rally point and home."""
-    items = (
-        item(Command.WAYPOINT, 50, 0),
-        item(Command.CHANGE_SPEED, None, None, 0, 0.5),
-        item(Command.WAYPOINT, 50, 40, 10),
-        item(Command.YAW, None, None, 180, 0, 0, 0),
-        item(Command.DELAY, None, None, 15),
-        item(Command.YAW_SPEED, None, None, 90, 0, 1),
-        item(Command.LOITER_TURNS, 30, 60, 1, 0, 25),
-        item(Command.JUMP_TAG, None, None, 7),
-        item(Command.LOITER_TIME, 0, 50, 20, 0, -25),
-        item(Command.SET_HOME, 5, 5, 0),
-        item(Command.CONDITION_DELAY, None, None, 5),
-        item(Command.CONDITION_DISTANCE, None, None, 20),
-        item(Command.WAYPOINT, 0, 30, 0, 12),
-        item(Command.JUMP_TO_TAG, None, None, 7, 1),
-        item(Command.JUMP, None, None, 13, 1),
-        item(Command.RETURN),
-        item(Command.LOITER_UNLIMITED, 0, 0),
-    )
     plans = Plans(
-        mission=plan(PlanKind.MISSION, *items),
+        mission=plan(PlanKind.MISSION, *MISSION_ITEMS),
         fence=plan(PlanKind.FENCE, *FENCE_ITEMS),
         rally=plan(PlanKind.RALLY, item(Command.RALLY_POINT, 40, -60)),
     )
