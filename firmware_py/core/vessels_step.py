@@ -87,13 +87,16 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
 
 
 def _course_velocities_m_s(state: State) -> tuple[Velocity, ...]:
-    """Return the velocities on the original course and, off a line, on that back to it; empty without avoidance."""
-    water_state, way_rad = state.heading_estimator.water, state.aside.way_rad
+    """Return the velocities over ground on the unchanged course and on the course back to the line.
+
+    The second one is omitted if the boat follows no line. Without avoidance the result is empty.
+    """
+    water_state, unchanged_rad = state.heading_estimator.water, state.aside.way_rad
     line, target = _followed_line(state.guidance), state.guidance.status.heading_target
-    if way_rad is None:
+    if unchanged_rad is None:
         return ()
     if line is None or target is None:
-        return (water.over_ground_m_s(water_state, way_rad),)
+        return (water.over_ground_m_s(water_state, unchanged_rad),)
     north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(water_state)
     courses = line[1], target.angle_rad
     headings = [heading_for_course(course_rad, speed_m_s, north_m_s, east_m_s, leeway_rad) for course_rad in courses]

@@ -55,9 +55,10 @@ class LogWriter:
         """Write into a directory; before a new file, the oldest are removed until the rest has at most `max_log_bytes`.
 
         No file is created while less than `min_free_bytes` are free. With `wait_for_disk`, for simulated time, the loop
-        waits until the first batch is on disk, and for space in the queue. `turn` is called with the number of bytes
-        written since the last call: on the writer's thread every `flush_s`, or without a thread whenever the queue is
-        half full. `finish` is called at the end. Neither may raise.
+        waits until the first batch is on disk, and for space in the queue. `turn` is called after each work cycle, with
+        the number of bytes taken from the queue in this cycle. A cycle starts on the writer's thread every `flush_s`
+        and when the queue is half full; without a thread, only when it is half full. `finish` is called at the end.
+        Neither may raise.
         """
         self._directory = directory
         self._disk = disk
@@ -121,7 +122,7 @@ class LogWriter:
         return self._thread is None or self._closing or self._thread.is_alive()
 
     def progress(self) -> tuple[Progress, ...]:
-        """Return the number of turns of the thread, which increases every `flush_s`; empty without a thread."""
+        """Return the number of work cycles, which increases at least every `flush_s`; empty without a thread."""
         thread = self._thread
         if thread is None or self._closing:
             return ()
@@ -146,7 +147,7 @@ class LogWriter:
         self._finish()
 
     def work(self) -> None:
-        """Write the queue, then call `turn`."""
+        """Do a work cycle: write the queue, then call `turn`."""
         taken_before_bytes = self._taken_total_bytes
         self.drain()
         self._turn_callback(self._taken_total_bytes - taken_before_bytes)

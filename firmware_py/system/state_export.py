@@ -1,7 +1,7 @@
 """Export of the state as one file: a line with format, length and SHA-256, then JSON with the content of each name.
 
-Texts are stored unchanged, records (`NAME.record`) as base64. In a state directory, an export named PENDING_IMPORT is
-an import that has priority over the slots until it is written into them.
+Texts are stored as UTF-8, in which invalid bytes are replaced, and records (`NAME.record`) as base64. In a state
+directory, an export named PENDING_IMPORT is an import that has priority over the slots until it is written into them.
 """
 
 from __future__ import annotations

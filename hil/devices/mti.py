@@ -52,7 +52,8 @@ class MtiEmulator:
 
     `declination_deg` is that of the location. `temperature_c`, `pitch_deg`, `roll_deg` (of the boat),
     `self_test_passed`, `filter_valid` and `clipped` (bits of the status word) may be set at any time. `stored` counts
-    writes of the outputs to the non-volatile memory. An orientation is valid `settle_s` after a measurement begins.
+    writes of the output configuration to the non-volatile memory. An orientation is valid `settle_s` after a
+    measurement begins.
     """
 
     def __init__(
@@ -129,7 +130,7 @@ class MtiEmulator:
         return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
-        """Interrupt the power for off_s (infinity: until the next call); the outputs are kept."""
+        """Interrupt the power for off_s (infinity: until the next call); the output configuration is kept."""
         self.transmitter.clear()
         self._reader.clear()
         self._pace = None
@@ -147,6 +148,7 @@ class MtiEmulator:
                 self.transmitter.send(change_s, pack_message(Mid.WAKEUP))
                 self._change_s = change_s + _WAKE_UP_WINDOW_S
             else:
+                # Only the length of this message, 118 bytes, is emulated.
                 self.transmitter.send(change_s, pack_message(Mid.CONFIGURATION, bytes(118)))
                 self._start_measurement(change_s)
 

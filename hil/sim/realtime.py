@@ -34,6 +34,7 @@ class RealTimeServer:
         """
         board = self._board
         if self.now_s() >= self._release_s:
+            # A killed autopilot leaves its exclusive use of a pseudo terminal behind; the next one could not open it.
             self._release_s = self.now_s() + RELEASE_INTERVAL_S
             for port in board.ports:
                 if isinstance(port.line, PtyLine):

@@ -5,7 +5,9 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 ARDUPILOT, PX4, INVALID = 3, 12, 8  # MAV_AUTOPILOT_...
-ALL_VALID = 0x033F  # flags of a filter with attitude, velocity and position, as those of a board with GPS
+# Attitude, velocity, and relative, absolute and predicted position are valid, as on a board with GPS: bits 0 to 5, 8
+# and 9 of EKF_STATUS_FLAGS (ArduPilot) and ESTIMATOR_STATUS_FLAGS (PX4).
+ALL_VALID = 0x033F
 
 
 class Board:
@@ -25,14 +27,17 @@ class Board:
         )
 
     def attitude(self, heading_deg=98.5, boot_ms=10_000, *, roll_deg=0.0, pitch_deg=0.0, rates=(0.0, 0.0, 0.0)):
+        """Return an ATTITUDE frame; `rates` are those of roll, pitch and yaw [rad/s]."""
         yaw_rad = math.remainder(math.radians(heading_deg), math.tau)
         angles = (math.radians(roll_deg), math.radians(pitch_deg), yaw_rad)
         return self.pack(dialect.MAVLink_attitude_message(boot_ms, *angles, *rates))
 
     def ekf(self, flags=ALL_VALID, ratio=0.1):
+        """Return the estimator status of ArduPilot; `ratio` is the test ratio of the magnetometer."""
         return self.pack(dialect.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, ratio, 0.0))
 
     def estimator(self, flags=ALL_VALID, ratio=0.1):
+        """Return the estimator status of PX4; `ratio` is the test ratio of the magnetometer."""
         return self.pack(
             dialect.MAVLink_estimator_status_message(1, flags, 0.1, 0.1, 0.1, ratio, 0.0, math.nan, 1.0, 1.0)
         )
@@ -57,6 +62,6 @@ def kinds(writes):
     return [message.get_type() for message in decode_all(writes)]
 
 
-def requested_groups(writes):
-    """Return the ids of the groups that a driver has requested."""
+def requested_streams(writes):
+    """Return the data streams (MAV_DATA_STREAM) that a driver has requested."""
     return [row.req_stream_id for row in decode_all(writes) if row.get_type() == "REQUEST_DATA_STREAM"]

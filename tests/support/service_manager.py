@@ -113,6 +113,7 @@ class ServiceManager:
         self._watch(process, run)
         code = process.returncode
         run.status = str(code) if code >= 0 else signal.Signals(-code).name.removeprefix("SIG")
+        # 10 is the SuccessExitStatus of the unit: the exit code after a shut-down command.
         run.result = run.result or ("success" if code in (0, 10) else "exit-code" if code > 0 else "signal")
         variables = {
             "SERVICE_RESULT": run.result, "EXIT_CODE": "exited" if code >= 0 else "killed", "EXIT_STATUS": run.status,

@@ -46,7 +46,10 @@ ENCODER_RAD = 2.0 * math.pi / 4096.0
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """A simulated recording: times [s], measured rudder and heading [rad, unwrapped], true heading of the hull."""
+    """A simulated recording: times [s], measured rudder and heading [rad, unwrapped].
+
+    `heading_low_rad` is the true heading of the hull without the yaw from waves, `speed_m_s` that of the scenario.
+    """
 
     time_s: Floats
     rudder_rad: Floats

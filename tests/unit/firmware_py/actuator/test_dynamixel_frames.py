@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from firmware_py.actuator import dynamixel_frames as frames
 
-HEADER = b"\xff\xff\xfd"
+PATTERN = frames.UNSTUFFED_PATTERN  # stuffing adds a byte after it
 SDK = Protocol2PacketHandler()
 IDS = st.integers(0, 252)
-# Payloads in which the header and its stuffing occur often.
-PAYLOADS = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", HEADER, b"\x55\x01\x80"]) | st.binary(max_size=3)).map(
+# Payloads in which the pattern that needs stuffing, and the stuffed pattern, occur often.
+PAYLOADS = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", PATTERN, b"\x55\x01\x80"]) | st.binary(max_size=3)).map(
     b"".join
 )
 
@@ -69,7 +69,7 @@ def test_sync_write_of_the_protocol_page():
 @given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
 def test_sync_writes_are_those_of_the_sdk(device_id, address, data):
     body = address.to_bytes(2, "little") + len(data).to_bytes(2, "little") + bytes((device_id,)) + data
-    assume(HEADER not in body)  # see sdk_frame
+    assume(PATTERN not in body)  # see sdk_frame
     port = FakePort()
     assert SDK.syncWriteTxOnly(port, address, len(data), [device_id, *data], 1 + len(data)) == COMM_SUCCESS
     assert frames.sync_write(device_id, address, data) == port.written
@@ -78,7 +78,7 @@ def test_sync_writes_are_those_of_the_sdk(device_id, address, data):
 @given(IDS, st.integers(0, 65535), st.integers(0, 65535))
 def test_read_ping_and_reboot_are_those_of_the_sdk(device_id, address, length):
     port = FakePort()
-    assume(HEADER not in bytes((address & 255, address >> 8, length & 255, length >> 8)))  # see sdk_frame
+    assume(PATTERN not in bytes((address & 255, address >> 8, length & 255, length >> 8)))  # see sdk_frame
     assert SDK.readTx(port, device_id, address, length) == COMM_SUCCESS
     assert frames.read(device_id, address, length) == port.written
     port = FakePort()
@@ -92,23 +92,23 @@ def test_read_ping_and_reboot_are_those_of_the_sdk(device_id, address, length):
 @given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
 def test_writes_are_those_of_the_sdk(device_id, address, data):
     body = address.to_bytes(2, "little") + data
-    assume(HEADER not in body)  # see sdk_frame
+    assume(PATTERN not in body)  # see sdk_frame
     port = FakePort()
     assert SDK.writeTxOnly(port, device_id, address, len(data), list(data)) == COMM_SUCCESS
     assert frames.write(device_id, address, data) == port.written
 
 
 @given(IDS, PAYLOADS)
-@example(1, HEADER)
-@example(1, HEADER + HEADER + b"\xfd\xfd" + HEADER)
+@example(1, PATTERN)
+@example(1, PATTERN + PATTERN + b"\xfd\xfd" + PATTERN)
 @example(1, b"\xff\xff")
 def test_stuffing_is_that_of_the_sdk(device_id, data):
-    assert frames.write(device_id, 0x74, data) == sdk_frame(device_id, 3, b"\x74\x00" + data)
+    assert frames.write(device_id, 0x74, data) == sdk_frame(device_id, frames.WRITE, b"\x74\x00" + data)
 
 
 @given(IDS, st.integers(0, 255), PAYLOADS)
 def test_parser_decodes_status_packets_of_the_sdk(device_id, error, data):
-    packet = sdk_frame(device_id, 0x55, bytes((error,)) + data)
+    packet = sdk_frame(device_id, frames.STATUS, bytes((error,)) + data)
     parser = frames.StatusParser()
     assert parser.feed(packet) == [frames.StatusPacket(device_id, error, data)]
     assert parser.pending == parser.rejected == 0
@@ -117,7 +117,7 @@ def test_parser_decodes_status_packets_of_the_sdk(device_id, error, data):
 @given(IDS, st.integers(0, 255), PAYLOADS)
 def test_sdk_decodes_the_status_packets_of_these_tests(fakes, device_id, error, data):
     # removeStuffing of the SDK reads bytes that it has already moved: it is correct for only one stuffing.
-    assume(b"\xfd" not in (bytes((error,)) + data).partition(HEADER)[2])
+    assume(b"\xfd" not in (bytes((error,)) + data).partition(PATTERN)[2])
     packet = fakes.status_frame(device_id, error, data)
     read, result, read_error = SDK.readRx(FakePort(packet), device_id, len(data))
     assert (bytes(read), result, read_error) == (data, COMM_SUCCESS, error)
@@ -138,7 +138,7 @@ def test_truncated_packet_is_counted_and_the_next_one_decoded(fakes, noise):
         parser = frames.StatusParser()
         stream = noise + packet[:cut] + fakes.status_frame(1, 0, b"\x07")
         assert parser.feed(stream) == [frames.StatusPacket(1, 0, b"\x07")], cut
-        assert parser.rejected == (cut > 7), cut  # with the byte that says that it is an reply
+        assert parser.rejected == (cut > 7), cut  # from the instruction byte on, which marks a status packet
         assert parser.pending == 0
 
 

@@ -130,7 +130,7 @@ def test_next_request_is_sent_after_the_reply_timeout(line, driver, servo):
     assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.02, 0.2)]
     reply(line, driver, b"0.1", 1.03)  # no request is left
     assert driver.poll() == ()
-    assert driver.health(1.03).rejected == 2 + 1  # an invalid value in each reply
+    assert driver.health(1.03).rejected == 2 + 1  # an invalid value in two replies, and the reply without a request
 
 
 def test_ambiguous_reply_is_assigned_to_the_older_request_and_frees_the_bus(line, driver, servo):

@@ -54,6 +54,7 @@ def test_inputs_have_only_fields_that_are_logged():
 def test_message_types_are_distinct_and_start_with_the_time():
     assert len({kind.number for kind in ALL_TYPES}) == len({kind.name for kind in ALL_TYPES}) == len(ALL_TYPES)
     for kind in ALL_TYPES:
+        # Codes of ArduPilot logs: Q is uint64, s is seconds, F is a factor of 1e-6.
         assert kind.labels.startswith("TimeUS,")
         assert (kind.values[0], kind.units[0], kind.multipliers[0]) == ("Q", "s", "F")
 

@@ -37,7 +37,7 @@ def test_large_error_at_full_rudder_is_reported_once_after_5_min(side):
     ],
     ids=["small error", "rudder below its limit", "rudder to the other side", "slow turn", "not steered for a tick"],
 )
-def test_converging_heading_is_not_reported(error_deg, rudder_deg):
+def test_no_report_unless_all_conditions_are_met(error_deg, rudder_deg):
     assert report_times_s(error_deg, rudder_deg) == []
 
 

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from firmware_py.common.records import DeviceState, FixType
 from firmware_py.sensors.mavlink_frames import Message
 from firmware_py.sensors.mavlink_position import MavlinkPosition, MavlinkPositionOptions
-from support.flight_controller import Board, decode_all, requested, requested_groups
+from support.flight_controller import Board, decode_all, requested, requested_streams
 
 UTC_S = 1_767_225_600.25
 
@@ -211,7 +211,7 @@ def test_groups_of_an_older_board(line):
         0.5, dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_RESULT_UNSUPPORTED)
     )
     rig.fixes(1.0)
-    assert requested_groups(line.written) == [
+    assert requested_streams(line.written) == [
         dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
         dialect.MAV_DATA_STREAM_EXTRA3,
         dialect.MAV_DATA_STREAM_POSITION,

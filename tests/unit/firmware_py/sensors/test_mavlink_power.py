@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from firmware_py.common.records import DeviceState
 from firmware_py.sensors.mavlink_frames import Message
 from firmware_py.sensors.mavlink_power import MavlinkPower, MavlinkPowerOptions
-from support.flight_controller import Board, decode_all, requested, requested_groups
+from support.flight_controller import Board, decode_all, requested, requested_streams
 
 NO_CELL = 0xFFFF
 # Cells in mV, currents in 0.01 A, remaining charge in percent, temperature in 0.01 deg C.
@@ -124,7 +124,7 @@ def test_groups_of_an_older_board(rig):
         0.5, dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_RESULT_UNSUPPORTED)
     )
     rig.samples(1.0)
-    assert requested_groups(rig.line.written) == [
+    assert requested_streams(rig.line.written) == [
         dialect.MAV_DATA_STREAM_EXTRA3,
         dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
     ]

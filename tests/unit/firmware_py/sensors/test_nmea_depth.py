@@ -117,7 +117,7 @@ def test_preference_is_reset_when_the_port_is_reopened(deliver, sounder, line):
     assert sounder.health(2.0).rejected == 0  # the incomplete sentence was discarded
 
 
-def test_remark_ends_with_a_depth(deliver, sounder):
+def test_next_depth_clears_the_health_text(deliver, sounder):
     deliver(sounder, "SDDPT,,0.5")
     assert sounder.health(1.0).text == "SDDPT: no bottom"
     deliver(sounder, DPT)

@@ -365,6 +365,7 @@ def vessel(mmsi, distance_m, near_s=None):
 
 def test_five_vessels_are_listed_in_the_order_of_urgency(boat):
     vessels = (
+        # An MMSI that begins with 970 belongs to a search and rescue transmitter (ITU-R M.585).
         *(vessel(211000000 + n, 1000.0 - n) for n in range(5)), vessel(211000009, 2000.0, 5.0),
         vessel(970000001, 9000.0), vessel(211000010, None),
     )  # fmt: skip
@@ -380,7 +381,7 @@ def test_five_vessels_are_listed_in_the_order_of_urgency(boat):
     assert not traffic["nearest"][2]["near"]
 
 
-def test_loop_and_clock_are_rounded_to_milliseconds(boat):
+def test_uptime_has_one_decimal_and_the_loop_values_have_three(boat):
     status = boat.status(10.06, rate_hz=NUMBER, late_s=0.0123456789, skipped_total=4, tick=8)
     assert status["uptime_s"] == 10.1
     assert status["loop"] == {

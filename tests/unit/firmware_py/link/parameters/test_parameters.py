@@ -117,7 +117,7 @@ def test_change_is_sent_to_all_peers(make_rig, of):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()
     rig.transport.inbox.append(("one", rig.frame(set_message(b"CTL_K1", 41.5))))
-    rig.endpoint.service(rig.now_s, [100])
+    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     sent = list(rig.transport.sent)
     for address in ("one", "two"):
         rig.transport.sent = list(sent)
@@ -130,7 +130,7 @@ def test_change_by_satellite_is_sent_to_its_station_only(make_rig, of):
     rig = make_rig(addresses=("one", "two"), options=LinkOptions(link_class=LinkClass.SATELLITE))
     rig.tick()
     rig.transport.inbox.append(("one", rig.frame(set_message(b"CTL_K1", 41.5))))
-    rig.endpoint.service(rig.now_s, [100])
+    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     sent = list(rig.transport.sent)
     for address, values in (("one", [41.5]), ("two", [])):
         rig.transport.sent = list(sent)
@@ -147,6 +147,7 @@ def test_change_is_confirmed_after_storing(rig, of, texts, is_stored):
     assert texts(replies) == [] if is_stored else ["CTL_K1 active but not stored"]
 
 
+# The types are MAV_PARAM_EXT_TYPE_UINT8 (1) to MAV_PARAM_EXT_TYPE_REAL64 (10).
 @pytest.mark.parametrize(
     ("value", "kind"), [(struct.pack(f"<{layout}", 41), kind) for kind, layout in enumerate("BbHhIiQqfd", 1)]
 )
@@ -181,8 +182,8 @@ def test_invalid_value_is_refused_with_the_present_value_and_the_reason(rig, tex
         (b"CTL_K1", struct.pack("<f", float("nan")), Kind.REAL, VALUE_UNSUPPORTED),
         (b"LOOP_RATE_HZ", struct.pack("<f", 10.5), Kind.REAL, VALUE_UNSUPPORTED),
         (b"STAT_BOOTCNT", struct.pack("<i", 7), Kind.INTEGER, VALUE_UNSUPPORTED),
-        (b"CTL_K1", b"forty", 11, VALUE_UNSUPPORTED),
-        (b"CTL_K1", b"\x29", 0, VALUE_UNSUPPORTED),
+        (b"CTL_K1", b"forty", mavlink.MAV_PARAM_EXT_TYPE_CUSTOM, VALUE_UNSUPPORTED),
+        (b"CTL_K1", b"\x29", 0, VALUE_UNSUPPORTED),  # 0 is not a MAV_PARAM_EXT_TYPE
         (b"NOPE", struct.pack("<f", 1.0), Kind.REAL, FAILED),
     ],
 )
@@ -282,6 +283,7 @@ def test_number_of_unstored_changes_of_all_peers_is_limited_to_128(make_rig, ftp
     rig.request_handler.at_once = False
     client = ftp_station(rig)
     client.ask(Opcode.CREATE, "@PARAM/param.pck")
+    # The header of a parameter file: magic, number of parameters, length of the file.
     client.ask(Opcode.WRITE, struct.pack("<HHH", 0x671B, 0, 6))
     rig.send(client.request(Opcode.TERMINATE))
     assert len(rig.request_handler.waiting) == 1  # a file without a change
@@ -342,6 +344,7 @@ def test_extended_list_on_a_slow_link_does_not_delay_telemetry(slow_rig, of):
     rig = slow_rig(1200.0)
     rig.send(LIST_EXTENDED)
     replies = without_unrequested(rig.ticks(50))
+    # In 5 s, 70 % of 1200 bytes/s are for the list; a signed PARAM_EXT_VALUE frame has 174 bytes.
     assert len(of(replies, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
     assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
     assert len(of(replies, "ATTITUDE")) > 0
@@ -367,7 +370,7 @@ def test_blocked_link_gets_all_values_later(rig, of):
     for index in range(len(TABLE)):
         rig.transport.inbox.append(("station", rig.frame(read_message(b"", index))))
     for _ in range(20):
-        rig.endpoint.service(rig.now_s, [100])
+        rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     rig.transport.is_writable = True
     rig.tick_silently()
     assert [value.param_index for value in of(rig.give(b""), "PARAM_VALUE")] == list(range(len(TABLE)))
@@ -379,7 +382,7 @@ def test_two_stations_read_the_list_at_the_same_time(make_rig):
     rig.tick()
     for address in ("one", "two"):
         rig.transport.inbox.append((address, rig.frame(LIST)))
-    rig.endpoint.service(rig.now_s, [100])
+    rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     rig.finish()
     sent = list(rig.transport.sent)
     for address in ("one", "two"):
