@@ -60,7 +60,7 @@ TABLE = {
 
 
 def result_of(rig, *frames):
-    """Send frames, each after the reply to the one before, run for 2 s, and return what the attacker achieves."""
+    """Send frames of the attacker, each after the reply to the one before, and return their strongest effect in 2 s."""
     messages = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()
